@@ -1,0 +1,1 @@
+"""Lumped models of the flow loop."""

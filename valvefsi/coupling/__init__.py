@@ -1,0 +1,1 @@
+"""The coupling of grid and solid through regularised delta functions."""

@@ -1,0 +1,198 @@
+"""Transfer between points of a solid and the faces of the grid, over all ranks.
+
+Points are sent to the rank that owns their cell; there the kernel reaches into ghost layers at most. Spreading
+adds into ghosts and sums them home, interpolation reads filled ghosts, both with one set of weights: the two are
+adjoint by construction.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from valvefsi.coupling import kernels
+from valvefsi.errors import StabilityError
+from valvefsi.grid import Array, Faces, MacGrid
+
+
+class Coupling:
+    """The regularised delta function of one solid on one grid.
+
+    Args:
+        grid: The grid.
+        kernel: Name of the kernel, see `valvefsi.coupling.kernels.KERNELS`.
+
+    Raises:
+        ValueError: The kernel is not known.
+    """
+
+    def __init__(self, grid: MacGrid, kernel: str) -> None:
+        if kernel not in kernels.KERNELS:
+            raise ValueError(f"unknown kernel {kernel!r}, a kernel is one of {', '.join(kernels.KERNELS)}")
+        self.grid, self.name = grid, kernel
+        self.kind = kernels.KERNELS[kernel]
+        self.reach = 0.5 * self.kind[1]
+        dim = grid.dim
+        offset = tuple(g - s for g, s in zip(grid.ghosts, grid.start, strict=True))
+        self.geometry = (grid.lower, 1.0 / grid.spacing, offset, dim)
+        n1 = grid.process_grid[1]
+        owner = [
+            np.searchsorted(starts[1:], np.arange(n), side="right")
+            for starts, n in zip(grid.starts[:2], grid.cells[:2], strict=True)
+        ]
+        self.owner = (owner[0] * n1, owner[1])
+        free = ~np.array(grid.periodic[:dim])
+        margin = self.reach * grid.spacing[:dim]
+        self.low = np.where(free, grid.lower[:dim] + margin, -np.inf)
+        self.high = np.where(free, grid.upper[:dim] - margin, np.inf)
+
+    def at(self, chi: Array) -> Transfer:
+        """Prepare spreading and interpolation for points at chi.
+
+        Args:
+            chi: Positions of this rank's points, ``(num_points, 3)`` [cm].
+
+        Raises:
+            StabilityError: A point is not finite, or lies within the kernel's reach of a side that is not periodic.
+
+        Note:
+            Collective.
+        """
+        dim = self.grid.dim
+        place = chi[:, :dim]
+        inside = (place >= self.low) & (place <= self.high) & np.isfinite(place)
+        problem = None
+        if not inside.all():
+            worst = place[~inside.all(axis=1)][0]
+            problem = (
+                f"a point of the solid at {np.array2string(worst, precision=4)} cm is lost or within "
+                f"{self.reach:g} spacings of a side (kernel {self.name})"
+            )
+        return Transfer(self, self._wrap(place) if problem is None else None, len(chi), problem)
+
+    def _wrap(self, place: Array) -> Array:
+        grid = self.grid
+        if not any(grid.periodic[: grid.dim]):
+            return place
+        place = place.copy()
+        for axis in range(grid.dim):
+            if grid.periodic[axis]:
+                lower, length = grid.lower[axis], grid.upper[axis] - grid.lower[axis]
+                x = (place[:, axis] - lower) % length
+                place[:, axis] = lower + np.where(x >= length, 0.0, x)
+        return place
+
+    def owners(self, place: Array) -> Array:
+        """Rank that owns the cell of each point inside the box, ``(num_points,)``."""
+        grid = self.grid
+        cell = [
+            np.minimum((place[:, a] - grid.lower[a]) / grid.spacing[a], grid.cells[a] - 1).astype(np.intp)
+            for a in range(2)
+        ]
+        return self.owner[0][cell[0]] + self.owner[1][cell[1]]
+
+
+class Transfer:
+    """Spreading and interpolation for one position of the points; made by `Coupling.at`."""
+
+    def __init__(self, coupling: Coupling, place: Array | None, count: int, problem: str | None) -> None:
+        self.coupling, self.count = coupling, count
+        comm = coupling.grid.comm
+        self.route = Route(comm, coupling.owners(place) if place is not None else None) if comm.size > 1 else None
+        failed = self.route.failed if self.route else problem is not None
+        if failed:
+            raise StabilityError(_first_problem(comm, problem))
+        x = self.route.send(place) if self.route else place
+        points = coupling.kind[1]
+        self.base = np.empty((3, 2, len(x)), dtype=np.intp)
+        self.weights = np.empty((3, 2, len(x), points))
+        kernels.prepare(self.base, self.weights, x, coupling.kind, coupling.geometry)
+
+    def spread(self, F: Array, out: Faces | None = None) -> Faces:
+        """Spread nodal forces to the MAC faces, f = S[chi] F.
+
+            f_d(x) = sum_k F_d(k) delta_h(x - chi_k)          (Lee2020, S13)
+
+        Args:
+            F: Force of this rank's points, ``(num_points, 3)`` [dyn].
+            out: Faces to add to; new ones by default.
+
+        Returns:
+            Force density on the owned faces, one local array per axis [dyn/cm^3].
+
+        Note:
+            Collective. Keeps the total force to round-off.
+        """
+        grid = self.coupling.grid
+        out = grid.zero_faces() if out is None else out
+        F = F[:, : grid.dim] * (1.0 / grid.cell_volume)
+        F = self.route.send(F) if self.route else F
+        for d in range(grid.dim):
+            kernels.spread(out[d], self.base, self.weights, F, d, grid.dim)
+        grid.add_ghosts(out)
+        return out
+
+    def interpolate(self, u: Faces) -> Array:
+        """Interpolate a face velocity to the points, U = S*[chi] u.
+
+            U_d(k) = sum_x u_d(x) delta_h(x - chi_k) h^3      (Lee2020, S14)
+
+        Args:
+            u: Velocity with filled ghosts, one local array per axis [cm/s].
+
+        Returns:
+            Velocity of this rank's points, ``(num_points, 3)`` [cm/s].
+
+        Note:
+            Collective.
+        """
+        grid = self.coupling.grid
+        values = np.empty((self.base.shape[2], grid.dim))
+        for d in range(grid.dim):
+            kernels.interpolate(values, self.base, self.weights, u[d], d, grid.dim)
+        values = self.route.send_back(values) if self.route else values
+        if grid.dim == 3:
+            return values
+        U = np.zeros((self.count, 3))
+        U[:, :2] = values
+        return U
+
+
+class Route:
+    """Where each point goes and how its results come back.
+
+    Args:
+        comm: Communicator of the grid.
+        owners: Rank that each of this rank's points goes to; None where this rank has found a fault, which
+            all ranks then see in `failed`.
+    """
+
+    def __init__(self, comm, owners: Array | None) -> None:  # noqa: ANN001
+        self.comm = comm
+        counts = np.full(comm.size, -1, dtype=np.intc)
+        if owners is not None:
+            counts = np.bincount(owners, minlength=comm.size).astype(np.intc)
+            self.order = np.argsort(owners, kind="stable")
+        received = np.empty_like(counts)
+        comm.Alltoall(counts, received)
+        self.failed = bool(received.min() < 0)
+        self.sent, self.received = counts, received
+
+    def send(self, values: Array) -> Array:
+        """Send one row per point to the owners, ``(num_points, k)`` to ``(num_received, k)``. Collective."""
+        k = values.shape[1]
+        out = np.empty((self.received.sum(), k))
+        self.comm.Alltoallv((values[self.order], self.sent * k), (out, self.received * k))
+        return out
+
+    def send_back(self, values: Array) -> Array:
+        """Return one row per received point to where it came from. Collective."""
+        k = values.shape[1]
+        buffer = np.empty((len(self.order), k))
+        self.comm.Alltoallv((values, self.received * k), (buffer, self.sent * k))
+        out = np.empty_like(buffer)
+        out[self.order] = buffer
+        return out
+
+
+def _first_problem(comm, problem: str | None) -> str:  # noqa: ANN001
+    return next(found for found in comm.allgather(problem) if found is not None)

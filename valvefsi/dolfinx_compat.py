@@ -1,0 +1,109 @@
+"""The differences between DOLFINx releases 0.9, 0.10 and 0.11, and the one place that knows of them.
+
+Import this module before ``dolfinx`` or ``petsc4py``: where the ``dolfinx-solver-real`` wheel is installed it
+loads MPI ahead of the compiled modules.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING
+
+with contextlib.suppress(ImportError):  # a DOLFINx from apt, conda or source needs no such help
+    import dolfinx_solver  # noqa: F401
+
+import dolfinx
+import numpy as np
+from dolfinx import fem
+from petsc4py import PETSc
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mpi4py import MPI
+    from numpy.typing import NDArray
+
+VERSION: tuple[int, ...] = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
+"""Major and minor number of the DOLFINx release in use."""
+
+if VERSION < (0, 9):
+    raise ImportError(f"DOLFINx {dolfinx.__version__} is too old: valvefsi needs 0.9, 0.10 or 0.11")
+if np.dtype(PETSc.ScalarType).kind == "c":
+    raise ImportError(
+        "this PETSc works with complex numbers: valvefsi needs a real build of DOLFINx and PETSc"
+    )
+
+JIT_OPTIONS: dict[str, object] = {"cffi_extra_compile_args": ["-O2", "-g0"], "timeout": 300}
+"""Options of the C compiler for the forms; the timeout [s] is of the wait for a process compiling the same form.
+
+Measured on nodal forces of 512 Q1 cells: -O3, -march=native and -fno-math-errno change nothing (120 to 125 us).
+The cached object files may be read on another machine, hence no -march; an inverted cell must become NaN, hence no
+-ffast-math.
+"""
+
+
+def compile_form(form: object) -> fem.Form:
+    """Compile a UFL form (collective)."""
+    return fem.form(form, jit_options=JIT_OPTIONS)
+
+
+def compile_expression(expression: object, points: NDArray[np.float64], comm: MPI.Comm) -> fem.Expression:
+    """Compile a UFL expression for ``points (num_points, tdim)`` of the reference cell (collective)."""
+    return fem.Expression(expression, points, comm=comm, jit_options=JIT_OPTIONS)
+
+
+def interpolation_points(space: fem.FunctionSpace) -> NDArray[np.float64]:
+    """Return the points ``(num_points, tdim)`` at which the element of ``space`` wants values."""
+    points = space.element.interpolation_points
+    return points() if callable(points) else points  # a method in 0.9, a property since 0.10
+
+
+def model_to_mesh(
+    model: object, comm: MPI.Comm, gdim: int
+) -> tuple[dolfinx.mesh.Mesh, dolfinx.mesh.MeshTags | None, dolfinx.mesh.MeshTags | None]:
+    """Distribute the gmsh model of rank 0 (``model`` is None elsewhere), without ghost cells.
+
+    Returns:
+        Mesh, cell tags, facet tags.
+
+    Note:
+        Collective.
+    """
+    if VERSION < (0, 10):
+        from dolfinx.io import gmshio
+
+        return gmshio.model_to_mesh(model, comm, 0, gdim=gdim)
+    from dolfinx.io import gmsh as reader
+
+    data = reader.model_to_mesh(model, comm, 0, gdim=gdim)
+    return data.mesh, data.cell_tags, data.facet_tags
+
+
+def create_vector(space: fem.FunctionSpace) -> PETSc.Vec:
+    """Create a PETSc vector with the ghosts of ``space``.
+
+    ``fem.petsc.create_vector`` takes a form in 0.9 and a space since 0.10; petsc4py alone is enough.
+    """
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    sizes = (index_map.size_local * block, index_map.size_global * block)
+    ghosts = index_map.ghosts.astype(PETSc.IntType)
+    return PETSc.Vec().createGhost(ghosts, sizes, bsize=block, comm=space.mesh.comm)
+
+
+def vtk_cells(space: fem.FunctionSpace) -> tuple[int, NDArray[np.int32]]:
+    """Return VTK's cell type of ``space`` and the local nodes ``(num_cells, k)`` of owned cells in VTK's order."""
+    mesh = space.mesh
+    if mesh.topology.index_map(mesh.topology.dim).size_local == 0:
+        return 0, np.zeros((0, space.dofmap.dof_layout.num_dofs), dtype=np.int32)
+    from dolfinx.plot import vtk_mesh
+
+    topology, types, _ = vtk_mesh(space)
+    return int(types[0]), np.asarray(topology).reshape(len(types), -1)[:, 1:]
+
+
+def evaluate(
+    expression: fem.Expression, mesh: dolfinx.mesh.Mesh, cells: Sequence[int]
+) -> NDArray[np.float64]:
+    """Evaluate a compiled expression in ``cells``; ``(num_cells, num_points * value_size)``."""
+    cells = np.asarray(cells, dtype=np.int32)
+    return np.asarray(expression.eval(mesh, cells)).reshape(len(cells), -1)

@@ -1,0 +1,61 @@
+"""The errors that valvefsi raises on purpose.
+
+Every one of them says what was found, where, and what to try. In a parallel run they are raised on all ranks
+together, see `raise_together`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+class ValvefsiError(Exception):
+    """Base of all errors that valvefsi raises on purpose."""
+
+
+class CaseError(ValvefsiError, ValueError):
+    """A case, a mesh or an option holds a value that cannot be used.
+
+    The message is one line, ``file: key = value: what is wrong``, with the parts that are known.
+    """
+
+    def __init__(
+        self, message: str, *, file: object = None, key: str | None = None, value: object = None
+    ) -> None:
+        self.file, self.key, self.value, self.reason = file, key, value, message
+        place = "" if key is None else (key if value is None else f"{key} = {value!r}")
+        super().__init__(": ".join(str(part) for part in (file, place, message) if part))
+
+
+class ConvergenceError(ValvefsiError, RuntimeError):
+    """A nonlinear or linear solve did not reach its tolerance."""
+
+
+class StabilityError(ValvefsiError, RuntimeError):
+    """A run left the region where its numbers mean anything."""
+
+
+def raise_together(comm: MPI.Comm, error: Exception | None) -> None:
+    """Raise on every rank the error that any rank has, the lowest rank's first.
+
+    Args:
+        comm: Communicator of the run.
+        error: This rank's error, None where all is well.
+
+    Raises:
+        Exception: The error of the lowest rank that has one.
+
+    Note:
+        Collective.
+    """
+    from mpi4py import MPI
+
+    if comm.size > 1:
+        first = comm.allreduce(comm.rank if error is not None else comm.size, op=MPI.MIN)
+        if first < comm.size:
+            raise comm.bcast(error, root=first)
+    elif error is not None:
+        raise error

@@ -1,0 +1,1 @@
+"""The fluid on a staggered grid."""

@@ -1,0 +1,94 @@
+"""What the sides of the box do to the fluid: ghost values and boundary faces.
+
+A side is periodic or a wall with a prescribed velocity (at rest by default), constant or a function of position and
+time. The velocity normal to a side is set on its faces; a tangential one half a cell away by reflection,
+u_ghost = 2 u_side - u, which keeps second order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from valvefsi.grid import Array, Faces, MacGrid
+
+SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
+
+Velocity = Callable[[Array, Array, Array, float], Sequence[Array | float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wall:
+    """A side with prescribed velocity.
+
+    Attributes:
+        velocity: Constant, one entry per dimension [cm/s], or a function of x, y, z [cm] and t [s] that returns
+            one array (or number) per dimension.
+    """
+
+    velocity: tuple[float, ...] | Velocity = (0.0, 0.0, 0.0)
+
+
+class Boundary:
+    """Sets boundary faces and ghost values of velocity fields.
+
+    Args:
+        grid: The grid.
+        walls: Wall of each side that is not periodic, keyed ``x_lower`` ... ``z_upper``; at rest when left out.
+
+    Raises:
+        ValueError: A wall is named on a periodic side, or a side is not known.
+    """
+
+    def __init__(self, grid: MacGrid, walls: Mapping[str, Wall] | None = None) -> None:
+        self.grid = grid
+        walls = dict(walls or {})
+        self.walls = []
+        for number, name in enumerate(SIDES[: 2 * grid.dim]):
+            axis, upper = divmod(number, 2)
+            wall = walls.pop(name, None)
+            if grid.periodic[axis]:
+                if wall is not None:
+                    raise ValueError(f"side {name} is periodic, it cannot be a wall")
+                continue
+            self.walls.append((axis, bool(upper), wall or Wall()))
+        if walls:
+            raise ValueError(f"unknown side {next(iter(walls))!r}, a side is one of {', '.join(SIDES)}")
+        self.changes_in_time = any(callable(wall.velocity) for _, _, wall in self.walls)
+
+    def fill(self, u: Faces, *times: float) -> None:
+        """Set the boundary faces and the first ghost layer beyond each wall, in place.
+
+        Args:
+            u: Velocity on the faces whose ghost layers from other ranks are filled.
+            times: Times of the wall velocities; their mean is used where several are given [s].
+        """
+        for axis, upper, wall in self.walls:
+            if self.grid.is_last[axis] if upper else self.grid.is_first[axis]:
+                for d, component in enumerate(u):
+                    value = sum(self._value(wall, axis, upper, d, t) for t in times) / len(times)
+                    self._set(component, axis, upper, axis == d, value)
+
+    def _value(self, wall: Wall, axis: int, upper: bool, d: int, t: float) -> Array | float:
+        if not callable(wall.velocity):
+            return wall.velocity[d]
+        points = list(self.grid.points(d))
+        points[axis] = np.full((1, 1, 1), (self.grid.upper if upper else self.grid.lower)[axis])
+        value = np.asarray(wall.velocity(*points, t)[d], dtype=float)
+        return value if value.ndim == 0 else np.take(value, 0, axis)
+
+    def _set(self, q: Array, axis: int, upper: bool, normal: bool, value: Array | float) -> None:
+        g = self.grid.ghosts[axis]
+        side = g + self.grid.size[axis] if upper else g
+        if normal:
+            q[_plane(axis, side)] = value
+            outside, inside = (side + 1, side - 1) if upper else (side - 1, side + 1)
+        else:
+            outside, inside = (side, side - 1) if upper else (side - 1, side)
+        q[_plane(axis, outside)] = 2.0 * value - q[_plane(axis, inside)]
+
+
+def _plane(axis: int, index: int) -> tuple:
+    return (slice(None),) * axis + (index,)

@@ -1,0 +1,74 @@
+"""Stencils of the staggered grid as flat loops over cells, compiled by numba.
+
+A field is the flat view of a local array with ghosts, and a neighbour along axis e is ``stride[e]`` entries away, so
+that one formula serves every axis and both dimensions, and the loop over all entries from ``first`` to
+``last`` is contiguous. Ghost entries between are computed too and hold no meaning afterwards. Every kernel writes
+``out`` only.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+Array = np.ndarray
+kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, boundscheck=False)
+
+
+@kernel
+def momentum(out: Array, q: Array, p: Array, terms: tuple, weights: tuple, bounds: tuple) -> None:
+    """Right-hand side of the momentum equation of one component, on its faces.
+
+    out = f - (p[c] - p[c-d]) / h_d - a N - b N_old + mu sum_e (q[c+e] - 2 q[c] + q[c-e]) / h_e^2
+    """
+    N, N_old, f = terms
+    a, b, inv_h, nu = weights  # nu[e] = mu / h_e^2
+    first, last, sd, strides = bounds
+    n = last - first
+    o, f_, N_, M_ = out[first:last], f[first:last], N[first:last], N_old[first:last]
+    p0, pm, q0 = p[first:last], p[first - sd : last - sd], q[first:last]
+    for c in range(n):
+        o[c] = f_[c] - (p0[c] - pm[c]) * inv_h - a * N_[c] - b * M_[c]
+    for e in range(len(strides)):
+        qp, qm = q[first + strides[e] : last + strides[e]], q[first - strides[e] : last - strides[e]]
+        k = nu[e]
+        for c in range(n):
+            o[c] += k * ((qp[c] - q0[c]) - (q0[c] - qm[c]))
+
+
+@kernel
+def divergence(out: Array, u: tuple, inv_h: tuple, strides: tuple, bounds: tuple) -> None:
+    """Divergence in cells: out = sum_d (u_d[c+d] - u_d[c]) / h_d."""
+    first, last = bounds
+    n = last - first
+    o = out[first:last]
+    for d in range(len(strides)):
+        up, u0 = u[d][first + strides[d] : last + strides[d]], u[d][first:last]
+        k = inv_h[d]
+        if d == 0:
+            for c in range(n):
+                o[c] = k * (up[c] - u0[c])
+        else:
+            for c in range(n):
+                o[c] += k * (up[c] - u0[c])
+
+
+@kernel
+def subtract_gradient(out: Array, phi: Array, factor: float, bounds: tuple) -> None:
+    """Projection of one component: out -= factor (phi[c] - phi[c-d])."""
+    first, last, sd = bounds
+    o, a, b = out[first:last], phi[first:last], phi[first - sd : last - sd]
+    for c in range(last - first):
+        o[c] -= factor * (a[c] - b[c])
+
+
+@kernel
+def divide(x: Array, eigenvalues: tuple, a: float, b: float) -> None:
+    """Divide by the eigenvalues of a tensor-product operator: x /= a - b (l0 + l1 + l2); a zero there gives zero."""
+    l0, l1, l2 = eigenvalues
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            shift = a - b * (l0[i] + l1[j])
+            for k in range(x.shape[2]):
+                d = shift - b * l2[k]
+                x[i, j, k] = x[i, j, k] / d if d != 0.0 else 0.0

@@ -1,0 +1,119 @@
+"""The coupled step: hyperelastic solids immersed in an incompressible fluid (Lee2020, S11 to S14).
+
+`step` is the scheme and nothing else: no files, no options, no clock. A `State` is exactly what a checkpoint holds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from valvefsi.coupling.transfer import Coupling
+from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.grid import Array, Faces, MacGrid
+
+
+class Solid(Protocol):
+    """What the coupled step asks of a solid."""
+
+    X: Array
+    """Reference positions of this rank's nodes, ``(num_nodes, 3)`` [cm]."""
+
+    def force(self, chi: Array, U: Array, t: float) -> Array:
+        """Nodal forces at positions chi, velocities U and time t, ``(num_nodes, 3)`` [dyn]."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """What does not change during a run.
+
+    Attributes:
+        grid: The staggered grid.
+        fluid: The fluid step.
+        solids: The immersed solids.
+        couplings: The regularised delta function of each solid.
+    """
+
+    grid: MacGrid
+    fluid: NavierStokes
+    solids: tuple[Solid, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """Everything that the next step depends on.
+
+    Attributes:
+        t: Time [s].
+        step: Number of steps taken.
+        dt: Length of the last step [s].
+        u: Velocity on the faces at t, ghosts filled [cm/s].
+        p: Pressure in the cells at t - dt/2, ghosts filled [dyn/cm^2].
+        N: Advection term at t - dt [cm/s^2].
+        chi: Position of each solid's nodes at t, ``(num_nodes, 3)`` each [cm].
+    """
+
+    t: float
+    step: int
+    dt: float
+    u: Faces
+    p: Array
+    N: Faces
+    chi: tuple[Array, ...]
+
+
+def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | None = None) -> State:
+    """Return the state at t = 0: the solids in their reference positions, the fluid at rest unless given.
+
+    Args:
+        model: The model.
+        dt: Length of the first step [s].
+        u: Velocity on the owned faces, local arrays with ghosts [cm/s].
+        p: Pressure, local array with filled ghosts [dyn/cm^2].
+    """
+    u = model.fluid.fill(model.grid.zero_faces() if u is None else u, 0.0)
+    return State(
+        t=0.0,
+        step=0,
+        dt=dt,
+        u=u,
+        p=model.grid.zeros() if p is None else p,
+        N=model.fluid.advection(u),
+        chi=tuple(solid.X.copy() for solid in model.solids),
+    )
+
+
+def step(model: Model, s: State, dt: float) -> State:
+    """Advance the coupled system from s by one step of length dt.
+
+    Args:
+        model: The model.
+        s: State at t.
+        dt: Length of the step [s].
+
+    Returns:
+        State at t + dt.
+
+    Raises:
+        StabilityError: A node is lost or within its kernel's reach of a wall.
+
+    Note:
+        Collective. Second order in time; the velocity is solenoidal to round-off.
+    """
+    # 1. move the solids half a step with the velocity they feel now
+    U = [c.at(chi).interpolate(s.u) for c, chi in zip(model.couplings, s.chi, strict=True)]
+    chi_half = [chi + 0.5 * dt * V for chi, V in zip(s.chi, U, strict=True)]
+    T = [c.at(chi) for c, chi in zip(model.couplings, chi_half, strict=True)]
+    # 2. their elastic force there, spread to the faces
+    f = model.grid.zero_faces()
+    for transfer, solid, chi, V in zip(T, model.solids, chi_half, U, strict=True):
+        transfer.spread(solid.force(chi, V, s.t + 0.5 * dt), out=f)
+    # 3. one fluid step under that force
+    N = model.fluid.advection(s.u)
+    u, p = model.fluid.step(s.u, s.p, (N, s.N, dt / s.dt), f, s.t, dt)
+    # 4. move the solids the whole step with the midpoint velocity
+    u_half = tuple(0.5 * (a + b) for a, b in zip(s.u, u, strict=True))
+    chi = tuple(chi + dt * t.interpolate(u_half) for chi, t in zip(s.chi, T, strict=True))
+    return State(t=s.t + dt, step=s.step + 1, dt=dt, u=u, p=p, N=N, chi=chi)

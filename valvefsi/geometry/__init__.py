@@ -1,0 +1,1 @@
+"""Meshes, shapes, tags and fibre fields."""

@@ -1,0 +1,1 @@
+"""Files: checkpoints, histories, ParaView series, pictures."""

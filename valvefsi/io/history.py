@@ -1,0 +1,104 @@
+"""Histories: a CSV file that grows by one row every few steps and survives a restart."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from valvefsi.errors import CaseError, raise_together
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+class History:
+    """Appends rows to a CSV file, on rank 0.
+
+    Args:
+        path: The file. Without ``resume_step`` an existing one is replaced.
+        columns: Names of the columns with their units, the first one is "step".
+        comm: Communicator of the run.
+        resume_step: Step of the checkpoint that the run goes on from: later rows, and a row that was not written
+            to its end, are dropped.
+
+    Raises:
+        CaseError: The file to go on with has other columns.
+        OSError: The file cannot be written.
+
+    Note:
+        Collective.
+    """
+
+    def __init__(
+        self, path: Path, columns: Sequence[str], comm: MPI.Comm, resume_step: int | None = None
+    ) -> None:
+        self.path, self.columns, self.comm = Path(path), tuple(columns), comm
+        if self.columns[:1] != ("step",):
+            raise ValueError(f"the first column of a history is 'step', not {self.columns[:1]}")
+        error = None
+        try:
+            if comm.rank == 0:
+                self._start(resume_step)
+        except (OSError, CaseError) as failure:
+            error = failure
+        raise_together(comm, error)
+
+    def append(self, row: Mapping[str, float]) -> None:
+        """Append a row, one value for each column, and hand it to the operating system.
+
+        Note:
+            Collective. Rank 0's row is written, its numbers to the last digit.
+        """
+        error = None
+        try:
+            if self.comm.rank == 0:
+                if set(row) != set(self.columns):
+                    wrong = sorted(set(row) ^ set(self.columns))
+                    raise ValueError(f"the row and the columns differ in {', '.join(wrong)}")
+                with self.path.open("a", newline="") as file:
+                    csv.writer(file, lineterminator="\n").writerow([_text(row[c]) for c in self.columns])
+        except (OSError, ValueError) as failure:
+            error = failure
+        raise_together(self.comm, error)
+
+    def _start(self, resume_step: int | None) -> None:
+        """Write the heading and the rows that stay, in one go."""
+        rows = []
+        if resume_step is not None and self.path.exists():
+            columns, rows = _read_rows(self.path)
+            if columns != self.columns:
+                found = ", ".join(columns)
+                raise CaseError(f"cannot go on with this history, its columns are {found}", file=self.path)
+            rows = [row for row in rows if int(row[0]) <= resume_step]
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = self.path.with_name(f".{self.path.name}.part")
+        with temporary.open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([self.columns, *rows])
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(self.path)
+
+
+def read_history(path: Path) -> dict[str, list[float]]:
+    """Return the columns of a history by name, "step" included."""
+    columns, rows = _read_rows(Path(path))
+    return {name: [float(row[k]) for row in rows] for k, name in enumerate(columns)}
+
+
+def _read_rows(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Return the column names and the rows that are whole: ended by a newline, one number for each column."""
+    with path.open(newline="") as file:
+        lines = [line for line in file.read().splitlines(keepends=True) if line.endswith("\n")]
+    table = list(csv.reader(lines))
+    if not table:
+        return (), []
+    columns = tuple(table[0])
+    return columns, [row for row in table[1:] if len(row) == len(columns)]
+
+
+def _text(value: float) -> str:
+    """Return the shortest text that reads back as the same number."""
+    return str(int(value)) if isinstance(value, int) or hasattr(value, "__index__") else repr(float(value))

@@ -1,0 +1,266 @@
+"""Series of files for ParaView: the fluid as image data in one piece a rank, solids as unstructured grids.
+
+A series is ``NAME.pvd``, the list of times, and the files it names in the folder ``NAME``. The list is replaced in
+one go after the files of a time are complete, so that a run may be watched, or stopped, at any moment.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valvefsi.errors import raise_together
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+BYTE_ORDER = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
+FILE = {"version": "1.0", "byte_order": BYTE_ORDER, "header_type": "UInt64"}
+FIELDS = (("velocity", 3), ("pressure", 1))
+
+
+class FluidSeries:
+    """Writes velocity and pressure in the cells of the grid, each rank its own piece.
+
+    Args:
+        directory: Folder of the series.
+        name: Name of the series.
+        comm: Communicator of the run.
+        cells: Number of cells of the whole grid, ``(3,)``; a grid in two dimensions is one cell thick.
+        start: This rank's first cell, ``(3,)``.
+        size: This rank's number of cells, ``(3,)``.
+        box: Lower corner of the grid and its spacing [cm], ``((3,), (3,))``.
+        resume_time: Time of the checkpoint that the run goes on from [s]: later entries are dropped.
+
+    Note:
+        Collective.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        name: str,
+        comm: MPI.Comm,
+        cells: Sequence[int],
+        start: Sequence[int],
+        size: Sequence[int],
+        box: tuple[Sequence[float], Sequence[float]],
+        resume_time: float | None = None,
+    ) -> None:
+        self.comm = comm
+        self.whole = _extent((0, 0, 0), cells)
+        self.extents = comm.allgather(_extent(start, size))
+        self.shape = tuple(int(n) for n in size)
+        self.image = {"Origin": _join(map(float, box[0])), "Spacing": _join(map(float, box[1]))}
+        self.index = _Index(directory, name, comm, resume_time)
+
+    def write(self, t: float, velocity: NDArray, pressure: NDArray) -> None:
+        """Write one time.
+
+        Args:
+            t: Time [s].
+            velocity: Velocity in the centres of this rank's cells, ``(nx, ny, nz, 3)`` [cm/s].
+            pressure: Pressure there, ``(nx, ny, nz)`` [dyn/cm^2].
+
+        Raises:
+            ValueError: The arrays do not have the shape of this rank's part.
+            OSError: A file cannot be written.
+
+        Note:
+            Collective. Both are stored in single precision.
+        """
+        stem, error = self.index.stem(t), None
+        try:
+            if velocity.shape != (*self.shape, 3) or pressure.shape != self.shape:
+                raise ValueError(
+                    f"expected arrays of {self.shape} cells, not {velocity.shape}, {pressure.shape}"
+                )
+            if pressure.size:
+                self._write_piece(_piece_path(stem, self.comm.rank), velocity, pressure)
+        except (OSError, ValueError) as failure:
+            error = failure
+        raise_together(self.comm, error)
+        self.index.add(t, stem.with_suffix(".pvti"), self._write_list)
+
+    def _write_piece(self, path: Path, velocity: NDArray, pressure: NDArray) -> None:
+        extent = self.extents[self.comm.rank]
+        # VTK counts x fastest, the components of one cell are neighbours.
+        arrays = [velocity.transpose(2, 1, 0, 3), pressure.transpose(2, 1, 0)]
+        root = ET.Element("VTKFile", {"type": "ImageData", **FILE})
+        image = ET.SubElement(root, "ImageData", {"WholeExtent": _join(extent), **self.image})
+        piece = ET.SubElement(image, "Piece", {"Extent": _join(extent)})
+        data = ET.SubElement(piece, "CellData", {"Scalars": "pressure", "Vectors": "velocity"})
+        blocks, offset = [], 0
+        for (name, components), array in zip(FIELDS, arrays, strict=True):
+            values = np.ascontiguousarray(array, dtype=np.float32).tobytes()
+            ET.SubElement(
+                data, "DataArray", {**_array(name, components), "format": "appended", "offset": str(offset)}
+            )
+            blocks.append(len(values).to_bytes(8, sys.byteorder) + values)
+            offset += len(blocks[-1])
+        ET.SubElement(root, "AppendedData", {"encoding": "raw"}).text = "_@"
+        head, tail = ET.tostring(root, xml_declaration=True, encoding="utf-8").split(b"@")
+        _replace(path, b"".join([head, *blocks, tail]))
+
+    def _write_list(self, path: Path) -> None:
+        root = ET.Element("VTKFile", {"type": "PImageData", **FILE})
+        attributes = {"WholeExtent": _join(self.whole), "GhostLevel": "0", **self.image}
+        image = ET.SubElement(root, "PImageData", attributes)
+        data = ET.SubElement(image, "PCellData", {"Scalars": "pressure", "Vectors": "velocity"})
+        for name, components in FIELDS:
+            ET.SubElement(data, "PDataArray", _array(name, components))
+        for rank, extent in enumerate(self.extents):
+            if all(extent[k + 1] > extent[k] for k in (0, 2, 4)):
+                source = _piece_path(path, rank).name
+                ET.SubElement(image, "Piece", {"Extent": _join(extent), "Source": source})
+        _replace(path, _pretty(root))
+
+
+class SolidSeries:
+    """Writes a deformed mesh with its displacement and J, on rank 0.
+
+    Args:
+        directory: Folder of the series.
+        name: Name of the series, the solid's.
+        comm: Communicator of the run.
+        resume_time: Time of the checkpoint that the run goes on from [s]: later entries are dropped.
+
+    Note:
+        Collective.
+    """
+
+    def __init__(self, directory: Path, name: str, comm: MPI.Comm, resume_time: float | None = None) -> None:
+        self.index = _Index(directory, name, comm, resume_time)
+
+    def write(
+        self,
+        t: float,
+        points: NDArray | None,
+        cells: Mapping[int | str, NDArray] | None,
+        J: NDArray | None,
+        displacement: NDArray | None,
+    ) -> None:
+        """Write one time; ranks other than 0 may pass None.
+
+        Args:
+            t: Time [s].
+            points: Positions of the nodes, ``(num_nodes, 3)`` [cm].
+            cells: Nodes of the cells in VTK's order, ``(num_cells, k)``, by VTK cell type or meshio's name for it.
+            J: Mean of det F in each cell, ``(num_cells,)``, in the order of ``cells``.
+            displacement: Displacement of the nodes, ``(num_nodes, 3)`` [cm].
+
+        Raises:
+            OSError: A file cannot be written.
+
+        Note:
+            Collective.
+        """
+
+        def write(path: Path) -> None:
+            import meshio
+
+            named = {
+                k if isinstance(k, str) else meshio.vtk_to_meshio_type[int(k)]: v for k, v in cells.items()
+            }
+            ends = np.cumsum([len(block) for block in named.values()])[:-1]
+            mesh = meshio.Mesh(
+                points, named, point_data={"displacement": displacement}, cell_data={"J": np.split(J, ends)}
+            )
+            temporary = path.with_name(f".{path.name}")
+            mesh.write(temporary, file_format="vtu")
+            temporary.replace(path)
+
+        self.index.add(t, self.index.stem(t).with_suffix(".vtu"), write)
+
+
+class _Index:
+    """The list of times of a series, kept in memory on rank 0 and in ``NAME.pvd``."""
+
+    def __init__(self, directory: Path, name: str, comm: MPI.Comm, resume_time: float | None) -> None:
+        self.comm, self.path = comm, Path(directory) / f"{name}.pvd"
+        self.folder = self.path.with_suffix("")
+        self.entries: list[tuple[float, str]] = []
+        error = None
+        try:
+            if comm.rank == 0:
+                self._start(resume_time)
+        except (OSError, ET.ParseError) as failure:
+            error = failure
+        raise_together(comm, error)
+        self.entries = comm.bcast(self.entries, root=0)
+
+    def _start(self, resume_time: float | None) -> None:
+        """Keep what was written up to the time of the checkpoint; remove the files of later times."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if resume_time is not None and self.path.exists():
+            sets = ET.parse(self.path).getroot().iter("DataSet")
+            entries = [(float(item.get("timestep")), item.get("file")) for item in sets]
+            self.entries = [entry for entry in entries if entry[0] <= resume_time]
+        kept = {Path(file).stem for _, file in self.entries}
+        for path in self.folder.iterdir():
+            stem = path.stem[: len(self.folder.name) + 7]
+            if stem.startswith(f"{self.folder.name}_") and stem not in kept:
+                path.unlink()
+        self._save()
+
+    def stem(self, t: float) -> Path:
+        """Return the path, without suffix, of the files of time t; a time that is there is written again."""
+        times = [time for time, _ in self.entries]
+        number = times.index(t) if t in times else len(times)
+        return self.folder / f"{self.folder.name}_{number:06d}"
+
+    def add(self, t: float, path: Path, write: object) -> None:
+        """Write the file of time t by ``write(path)`` on rank 0 and enter it in the list (collective)."""
+        entry, error = (t, f"{self.folder.name}/{path.name}"), None
+        if entry not in self.entries:
+            self.entries.append(entry)
+        try:
+            if self.comm.rank == 0:
+                write(path)
+                self._save()
+        except OSError as failure:
+            error = failure
+        raise_together(self.comm, error)
+
+    def _save(self) -> None:
+        root = ET.Element("VTKFile", {"type": "Collection", "version": "1.0", "byte_order": BYTE_ORDER})
+        collection = ET.SubElement(root, "Collection")
+        for t, file in self.entries:
+            ET.SubElement(collection, "DataSet", {"timestep": repr(float(t)), "part": "0", "file": file})
+        _replace(self.path, _pretty(root))
+
+
+def _extent(start: Sequence[int], size: Sequence[int]) -> tuple[int, ...]:
+    """Return VTK's extent of a range of cells: its first and last point on each axis."""
+    return tuple(int(v) for s, n in zip(start, size, strict=True) for v in (s, s + n))
+
+
+def _piece_path(stem: Path, rank: int) -> Path:
+    return stem.with_name(f"{stem.stem}_{rank:04d}.vti")
+
+
+def _array(name: str, components: int) -> dict[str, str]:
+    return {"type": "Float32", "Name": name, "NumberOfComponents": str(components)}
+
+
+def _join(values: object) -> str:
+    return " ".join(repr(value) for value in values)
+
+
+def _pretty(root: ET.Element) -> bytes:
+    ET.indent(root)
+    return ET.tostring(root, xml_declaration=True, encoding="utf-8")
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write a file under another name, then give it its own."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_bytes(content)
+    temporary.replace(path)

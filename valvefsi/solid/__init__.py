@@ -1,0 +1,1 @@
+"""The solid: kinematics, materials, nodal forces, statics."""

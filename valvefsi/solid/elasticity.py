@@ -1,0 +1,111 @@
+"""Nodal elastic forces of a hyperelastic body: the weak form of S13 with a stated quadrature degree."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valvefsi import dolfinx_compat as compat
+
+# isort: split
+import basix
+import ufl
+from dolfinx import fem, la
+
+from valvefsi.solid.kinematics import Kinematics
+from valvefsi.solid.materials import Volumetric
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from valvefsi.solid.materials import Material
+
+
+class Elasticity:
+    """Elastic nodal forces, energy and volume ratio of a body at a given position.
+
+        F_k = -integral P : grad(phi_k) dX,    P = dW/dF + dU/dF          (weak form of S13, with S20-S23)
+
+    Args:
+        space: Vector Lagrange space of the position, ``dim`` components.
+        material: Isochoric energy W.
+        kappa: Numerical bulk modulus of U(J) = kappa/2 (ln J)^2; 0 leaves it out [dyn/cm^2].
+        quadrature_degree: Degree of the quadrature of forces and energy.
+    """
+
+    def __init__(
+        self, space: fem.FunctionSpace, material: Material, kappa: float, quadrature_degree: int
+    ) -> None:
+        self.space = space
+        self.mesh = space.mesh
+        self.dim = self.mesh.geometry.dim
+        self.position = fem.Function(space, name="chi")
+        self._num_cells = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        F = ufl.variable(ufl.grad(self.position))
+        kinematics = Kinematics(F)
+        W = material.energy(kinematics)
+        if kappa > 0:
+            W = W + Volumetric(kappa=kappa).energy(kinematics)
+        dX = ufl.dx(domain=self.mesh, degree=quadrature_degree)
+        test = ufl.TestFunction(space)
+        self._force_form = compat.compile_form(-ufl.inner(ufl.diff(W, F), ufl.grad(test)) * dX)
+        self._constants = fem.pack_constants(self._force_form)
+        self._energy_form = compat.compile_form(W * dX)
+        self._residual = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
+        self._num_owned = space.dofmap.index_map.size_local
+        self._parallel = self.mesh.comm.size > 1
+        self._compile_volume(quadrature_degree)
+
+    def _compile_volume(self, quadrature_degree: int) -> None:
+        """Compile J at the quadrature points, and its exact integral."""
+        J = ufl.det(ufl.grad(self.position))
+        degree = self.space.ufl_element().degree
+        points, _ = basix.make_quadrature(self.mesh.basix_cell(), quadrature_degree)
+        self._J = compat.compile_expression(J, points, self.mesh.comm)
+        exact = ufl.dx(domain=self.mesh, degree=self.dim * degree)
+        self._volume_form = compat.compile_form(J * exact)
+
+    def set_position(self, chi: NDArray[np.float64]) -> None:
+        """Take ``chi`` ``(n, 3)`` [cm] of the owned nodes as the current position (collective)."""
+        n, dim = self._num_owned, self.dim
+        array = self.position.x.array
+        array[: n * dim].reshape(n, dim)[:] = chi[:, :dim]
+        if self._parallel:
+            self.position.x.scatter_forward()
+
+    def force(self, chi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the elastic nodal forces at ``chi``.
+
+        Args:
+            chi: Position of the owned nodes, ``(n, 3)`` [cm].
+
+        Returns:
+            F_k of the owned nodes, ``(n, dim)`` [dyn]; a view that the next call overwrites.
+
+        Note:
+            Collective. An inverted cell (J <= 0) makes the forces of its nodes NaN.
+        """
+        self.set_position(chi)
+        array = self._residual.array
+        array[:] = 0.0
+        coefficients = fem.pack_coefficients(self._force_form)
+        fem.assemble_vector(array, self._force_form, self._constants, coefficients)
+        if self._parallel:
+            self._residual.scatter_reverse(la.InsertMode.add)
+        return array[: self._num_owned * self.dim].reshape(self._num_owned, self.dim)
+
+    def energy(self, chi: NDArray[np.float64]) -> float:
+        """Return the elastic energy, integral of W + U dX, at ``chi`` ``(n, 3)`` [erg] (collective)."""
+        self.set_position(chi)
+        return self.mesh.comm.allreduce(fem.assemble_scalar(self._energy_form))
+
+    def jacobian(self, chi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return J at the quadrature points of owned cells, ``(num_cells, num_points)`` (collective)."""
+        self.set_position(chi)
+        return compat.evaluate(self._J, self.mesh, np.arange(self._num_cells, dtype=np.int32))
+
+    def volume(self, chi: NDArray[np.float64]) -> float:
+        """Return the volume, the exact integral of J dX [cm^3; cm^2 in two dimensions] (collective)."""
+        self.set_position(chi)
+        return self.mesh.comm.allreduce(fem.assemble_scalar(self._volume_form))

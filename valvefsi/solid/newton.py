@@ -1,0 +1,96 @@
+"""Newton's method with a line search: PETSc's SNES on a DOLFINx residual, linear systems by MUMPS."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from valvefsi import dolfinx_compat as compat
+
+# isort: split
+import ufl
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from dolfinx import fem
+
+
+class Newton:
+    """Solve F(w) = 0 for a finite element function with prescribed values.
+
+    Args:
+        state: The unknown w; start value in, solution out.
+        residual: UFL linear form F(w; v).
+        conditions: Prescribed values.
+
+    Note:
+        Collective. A failed solve leaves ``state`` as it was.
+    """
+
+    def __init__(
+        self, state: fem.Function, residual: ufl.Form, conditions: Sequence[fem.DirichletBC]
+    ) -> None:
+        self._state, self._conditions = state, list(conditions)
+        self._residual = compat.compile_form(residual)
+        self._tangent = compat.compile_form(ufl.derivative(residual, state))
+        self._x = compat.create_vector(state.function_space)
+        self._b = self._x.duplicate()
+        self._A = fem_petsc.create_matrix(self._tangent)
+        self._snes = PETSc.SNES().create(state.function_space.mesh.comm)
+        self._snes.setFunction(self._assemble_residual, self._b)
+        self._snes.setJacobian(self._assemble_tangent, self._A)
+        self._snes.setType("newtonls")
+        self._snes.getLineSearch().setType("bt")
+        ksp = self._snes.getKSP()
+        ksp.setType("preonly")
+        ksp.setOperators(self._A)
+        pc = ksp.getPC()
+        pc.setType("lu")
+        pc.setFactorSolverType("mumps")
+        pc.setFactorSetUpSolverType()
+        pc.getFactorMatrix().setMumpsIcntl(14, 100)  # room for delayed pivots [%]
+
+    def set_tolerances(self, relative: float, absolute: float, max_iterations: int) -> None:
+        """Set tolerances of the residual's 2-norm and the limit of iterations."""
+        self._snes.setTolerances(rtol=relative, atol=absolute, stol=0.0, max_it=max_iterations)
+
+    def solve(self) -> tuple[bool, int]:
+        """Run Newton's method from ``state``; return whether it converged and its iterations (collective)."""
+        start = self._state.x.array.copy()
+        with self._x.localForm() as local:
+            local.array[:] = start
+        try:
+            self._snes.solve(None, self._x)
+            converged = self._snes.getConvergedReason() > 0
+        except PETSc.Error:  # error_if_not_converged, set from outside
+            converged = False
+        if converged:
+            self._load(self._x)
+        else:
+            self._state.x.array[:] = start
+        return converged, self._snes.getIterationNumber()
+
+    def _load(self, x: PETSc.Vec) -> None:
+        """Copy ``x`` with its ghosts into the state."""
+        x.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+        with x.localForm() as local:
+            self._state.x.array[:] = local.array_r
+
+    def _assemble_residual(self, _snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
+        """Assemble F(x), with x - prescribed value in the rows of the conditions."""
+        self._load(x)
+        with b.localForm() as local:
+            local.set(0.0)
+        fem_petsc.assemble_vector(b, self._residual)
+        fem_petsc.apply_lifting(b, [self._tangent], [self._conditions], [x], -1.0)
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        fem_petsc.set_bc(b, self._conditions, x, -1.0)
+
+    def _assemble_tangent(self, _snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, _P: PETSc.Mat) -> None:
+        """Assemble dF/dw at the state that the residual was assembled for."""
+        self._load(x)
+        A.zeroEntries()
+        fem_petsc.assemble_matrix(A, self._tangent, self._conditions)
+        A.assemble()

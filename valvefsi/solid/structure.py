@@ -1,0 +1,275 @@
+"""A solid as the coupled step sees it: nodes, reference positions, and the force at a given position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from valvefsi import dolfinx_compat as compat
+
+# isort: split
+from dolfinx import fem
+from mpi4py import MPI
+
+from valvefsi.errors import CaseError
+from valvefsi.solid.elasticity import Elasticity
+from valvefsi.solid.lumping import lumped_weights
+from valvefsi.solid.materials import kappa_stab
+from valvefsi.solid.numbering import number_nodes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from valvefsi.solid.loads import DeadLoad, Ramp, Tether
+    from valvefsi.solid.materials import Material
+
+    Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Discretisation:
+    """How a solid is discretised and coupled.
+
+    Args:
+        degree: Degree of the Lagrange elements, 1 or 2.
+        quadrature_degree: Degree of the quadrature of the elastic forces; None takes 2 degree + 1.
+        kernel: Name of the regularised delta function (the coupling reads it).
+    """
+
+    degree: int = 1
+    quadrature_degree: int | None = None
+    kernel: str = "bspline3"
+
+    def __post_init__(self) -> None:
+        if self.degree not in (1, 2):
+            raise CaseError("expected 1 or 2", key="degree", value=self.degree)
+        if self.quadrature_degree is None:
+            object.__setattr__(self, "quadrature_degree", 2 * self.degree + 1)
+        if not 1 <= self.quadrature_degree <= 30:
+            raise CaseError("expected 1 to 30", key="quadrature_degree", value=self.quadrature_degree)
+
+
+class Stiffness(NamedTuple):
+    """What limits an explicit step of a solid."""
+
+    shear_modulus: float
+    """mu_s [dyn/cm^2]."""
+    kappa: float
+    """Numerical bulk modulus, 0 for off [dyn/cm^2]."""
+    smallest_edge: float
+    """Smallest distance of two vertices of a cell [cm]."""
+    tether: float
+    """Largest tether stiffness kappa w_k of a node [dyn/cm]."""
+    damping: float
+    """Largest damping eta w_k of a node [dyn s/cm]."""
+
+
+class SupportReport(NamedTuple):
+    """A tether or a load and the size of what it acts on."""
+
+    on: tuple[str, ...] | None
+    """Names of the tags, None for the whole body."""
+    value: float | tuple[float, ...]
+    """Stiffness of a tether [dyn/cm^3 or dyn/cm^4]; traction of a load [dyn/cm^2]."""
+    measure: float
+    """Area of the facets, or volume of the cells; in two dimensions per cm depth."""
+    components: tuple[str, ...]
+    """The axes it acts along."""
+
+
+class Structure:
+    """A hyperelastic body with its loads and supports.
+
+    All arrays are of this rank's owned nodes, ``(n, 3)``; in two dimensions the third column is 0.5 for
+    positions and 0 for forces, and forces are per cm depth.
+
+    Args:
+        mesh: A ``SolidMesh``: ``mesh``, ``cell_tags``, ``facet_tags``, ``tag(name)``.
+        material: Isochoric energy.
+        name: Name in files and messages.
+        nu_stab: Numerical Poisson ratio of the stabilisation (S22); None for off.
+        discretisation: Degree, quadrature, kernel.
+        damping: Body damping eta, not negative [dyn s/cm^4].
+        tethers: Springs that hold it.
+        loads: Dead loads.
+
+    Note:
+        Collective.
+    """
+
+    def __init__(
+        self,
+        mesh: object,
+        material: Material,
+        *,
+        name: str = "solid",
+        nu_stab: float | None = 0.4,
+        discretisation: Discretisation = Discretisation(),
+        damping: float = 0.0,
+        tethers: Sequence[Tether] = (),
+        loads: Sequence[DeadLoad] = (),
+    ) -> None:
+        if not damping >= 0:
+            raise CaseError("expected a number that is not negative", key="damping", value=damping)
+        self.name, self.mesh, self.material = name, mesh, material
+        self.discretisation, self.kernel = discretisation, discretisation.kernel
+        self.damping, self.nu_stab = damping, nu_stab
+        self.tethers, self.loads = tuple(tethers), tuple(loads)
+        self.comm, self.dim = mesh.mesh.comm, mesh.mesh.geometry.dim
+        self.kappa = kappa_stab(material.shear_modulus, nu_stab)
+        self.space = fem.functionspace(mesh.mesh, ("Lagrange", discretisation.degree, (self.dim,)))
+        self._place_nodes()
+        self._assemble_supports()
+        self.elasticity = Elasticity(self.space, material, self.kappa, discretisation.quadrature_degree)
+
+    def _place_nodes(self) -> None:
+        """Set reference positions and global numbers of the owned nodes."""
+        index_map = self.space.dofmap.index_map
+        n = index_map.size_local
+        self.num_nodes: int = index_map.size_global
+        self.X: Array = self.space.tabulate_dof_coordinates()[:n].copy()
+        if self.dim == 2:
+            self.X[:, 2] = 0.5
+        self.ids: NDArray[np.int64] = number_nodes(self.X, self.comm)
+        self._order = np.argsort(self.ids)
+
+    def _assemble_supports(self) -> None:
+        """Assemble weights, dead loads, springs and dampers of the nodes, once."""
+        n = len(self.X)
+        self.weights: Array
+        self.weights, self.reference_volume = lumped_weights(self.space, self.mesh, None)
+        self._spring, self._damper = np.zeros((n, 3)), np.zeros((n, 3))
+        self._damper[:, : self.dim] = self.damping * self.weights[:, None]
+        self._tether_reports = []
+        for tether in self.tethers:
+            weights, measure = lumped_weights(self.space, self.mesh, tether.on)
+            mask = np.array(tether.mask) * (np.arange(3) < self.dim)
+            self._spring += tether.stiffness * weights[:, None] * mask
+            self._damper += tether.damping * weights[:, None] * mask
+            axes = tether.components if self.dim == 3 else tuple(c for c in tether.components if c != "z")
+            self._tether_reports.append(SupportReport(tether.on, tether.stiffness, measure, axes))
+        self._dead: list[tuple[Ramp, Array]] = []
+        self._load_reports = []
+        for load in self.loads:
+            self._add_load(load)
+
+    def _add_load(self, load: DeadLoad) -> None:
+        """Assemble a dead load, integral of phi_k t dA."""
+        if any(self.mesh.tag(tag)[0] == self.dim for tag in load.on):
+            raise CaseError("a load needs facets, this tag names cells", key="on", value=list(load.on))
+        weights, measure = lumped_weights(self.space, self.mesh, load.on, positive=False)
+        traction = np.zeros(3)
+        traction[: len(load.traction)] = load.traction
+        if self.dim == 2 and traction[2] != 0:
+            raise CaseError("no z component in two dimensions", key="traction", value=list(load.traction))
+        self._dead.append((load.ramp, weights[:, None] * traction))
+        self._load_reports.append(
+            SupportReport(load.on, tuple(traction[: self.dim]), measure, ("x", "y", "z")[: self.dim])
+        )
+
+    def force(self, chi: Array, U: Array, t: float) -> Array:
+        """Return the force on the nodes.
+
+            F_k = -int P : grad(phi_k) dX + ramp(t) int phi_k t dA + kappa w_k (X_k - chi_k) - eta w_k U_k
+
+        Args:
+            chi: Positions, ``(n, 3)`` [cm].
+            U: Velocities, ``(n, 3)`` [cm/s].
+            t: Time [s].
+
+        Returns:
+            Forces, ``(n, 3)`` [dyn]; a new array.
+
+        Note:
+            Collective. NaN where a cell is inverted.
+        """
+        F = self._spring * (self.X - chi)
+        F -= self._damper * U
+        for ramp, dead in self._dead:
+            F += ramp(t) * dead
+        F[:, : self.dim] += self.elasticity.force(chi)
+        return F
+
+    def jacobian(self, chi: Array) -> Array:
+        """Return J at all quadrature points of this rank, one-dimensional (collective)."""
+        return self.elasticity.jacobian(chi).ravel()
+
+    def volume(self, chi: Array) -> float:
+        """Return the current volume [cm^3; cm^2 in two dimensions] (collective)."""
+        return self.elasticity.volume(chi)
+
+    def energy(self, chi: Array) -> float:
+        """Return the elastic energy [erg] (collective)."""
+        return self.elasticity.energy(chi)
+
+    def node_at(self, X0: Sequence[float]) -> int:
+        """Return the number of the node nearest to the reference position ``X0 (dim,)`` (collective)."""
+        distance = np.linalg.norm(self.X[:, : self.dim] - np.asarray(X0, dtype=float)[: self.dim], axis=1)
+        nearest = self.comm.allreduce(distance.min(initial=np.inf), op=MPI.MIN)
+        tied = self.ids[distance <= nearest + 1e-9 * (1 + nearest)]
+        return self.comm.allreduce(int(tied.min(initial=self.num_nodes)), op=MPI.MIN)
+
+    def position_of(self, node_id: int, chi: Array) -> Array:
+        """Return the position ``(3,)`` [cm] of a node, on all ranks (collective)."""
+        position = np.zeros(3)
+        mine = np.flatnonzero(self.ids == node_id)
+        if len(mine):
+            position[:] = chi[mine[0]]
+        return self.comm.allreduce(position)
+
+    def cells_on_root(self, chi: Array) -> tuple[Array, dict[int, NDArray[np.int64]], Array] | None:
+        """Gather the deformed mesh for pictures.
+
+        Returns:
+            On rank 0 the positions ``(num_nodes, 3)`` by node number, ``{VTK cell type: node numbers (num_cells,
+            k)}`` with the nodes in VTK's order, and the mean J of each cell; None on other ranks. The order of the
+            cells does not depend on the number of ranks.
+
+        Note:
+            Collective.
+        """
+        J = self.elasticity.jacobian(chi).mean(axis=1)
+        ids = self._ids_with_ghosts()
+        kind, nodes = compat.vtk_cells(self.space)
+        gathered = self.comm.gather((self.ids, np.asarray(chi), kind, ids[nodes], J), root=0)
+        if gathered is None:
+            return None
+        points = np.zeros((self.num_nodes, 3))
+        for rank_ids, rank_chi, *_ in gathered:
+            points[rank_ids] = rank_chi
+        cells = np.concatenate([part[3] for part in gathered])
+        order = np.lexsort(np.sort(cells, axis=1).T)
+        J = np.concatenate([part[4] for part in gathered])
+        return points, {max(part[2] for part in gathered): cells[order]}, J[order]
+
+    def _ids_with_ghosts(self) -> NDArray[np.int64]:
+        """Return the numbers of owned and ghost nodes (collective)."""
+        numbers = fem.Function(self.space)
+        owned = len(self.ids) * self.dim
+        numbers.x.array[:owned] = np.repeat(self.ids, self.dim)
+        numbers.x.scatter_forward()
+        return np.rint(numbers.x.array[:: self.dim]).astype(np.int64)
+
+    def stiffness(self) -> Stiffness:
+        """Return what limits an explicit step (collective)."""
+        geometry = self.mesh.mesh.geometry
+        num_cells = self.mesh.mesh.topology.index_map(self.mesh.mesh.topology.dim).size_local
+        corners = geometry.x[geometry.dofmap[:num_cells]]
+        a, b = np.triu_indices(corners.shape[1], k=1)
+        edge = np.linalg.norm(corners[:, a] - corners[:, b], axis=2).min(initial=np.inf)
+        largest = [array.max(initial=0.0) for array in (self._spring, self._damper)]
+        tether, damping = self.comm.allreduce(np.array(largest), op=MPI.MAX)
+        edge = self.comm.allreduce(float(edge), op=MPI.MIN)
+        return Stiffness(self.material.shear_modulus, self.kappa, edge, float(tether), float(damping))
+
+    def tether_report(self) -> list[SupportReport]:
+        """Return each tether with the area or volume it holds; give = mean traction / stiffness."""
+        return list(self._tether_reports)
+
+    def load_report(self) -> list[SupportReport]:
+        """Return each dead load with the area that carries it."""
+        return list(self._load_reports)

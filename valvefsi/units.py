@@ -1,0 +1,24 @@
+"""Units: CGS inside (cm, g, s, dyn/cm^2); mmHg, ml and kPa at the borders only.
+
+A value in one of these units times its constant is the value in CGS.
+"""
+
+from __future__ import annotations
+
+MMHG = 1333.2236842105262
+"""Millimetre of mercury (torr, 101325/760 Pa) [dyn/cm^2]."""
+
+PASCAL = 10.0
+"""Pascal [dyn/cm^2]."""
+
+KILOPASCAL = 1.0e4
+"""Kilopascal [dyn/cm^2]."""
+
+MILLILITRE = 1.0
+"""Millilitre [cm^3]."""
+
+LITRE_PER_MINUTE = 1000.0 / 60.0
+"""Litre per minute [cm^3/s]."""
+
+CENTIPOISE = 0.01
+"""Centipoise, a millipascal second [dyn s/cm^2]."""

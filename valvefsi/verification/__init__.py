@@ -1,0 +1,1 @@
+"""Norms, tables, observed order."""
