@@ -38,6 +38,21 @@ class StabilityError(ValvefsiError, RuntimeError):
     """A run left the region where its numbers mean anything."""
 
 
+class Stopped(ValvefsiError):
+    """A run was asked to stop by a signal, and has written a checkpoint.
+
+    Attributes:
+        signal: Number of the signal.
+    """
+
+    def __init__(self, message: str, signal: int) -> None:
+        self.signal = signal
+        super().__init__(message, signal)
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
 def raise_together(comm: MPI.Comm, error: Exception | None) -> None:
     """Raise on every rank the error that any rank has, the lowest rank's first.
 

@@ -1,12 +1,12 @@
 """Checkpoints: one file a state, written by all ranks together, readable on any number of ranks.
 
-Layout of ``step_00001234.vfc``: magic, length of the header, CRC-32 of the header (8 bytes each), the header (JSON),
-then the arrays in C order, one after another. The header holds a checksum of each array,
+Layout of ``step_00001234.vfc``: magic, length of the header, CRC-32 of the header (8 bytes each), the header
+(JSON), then the arrays in C order, one after another. The header holds a checksum of each array,
 
     c = sum_i w_i (2 i + 1) mod 2^64,    w_i the i-th 64-bit word,
 
-which every rank adds its part to, so that it does not depend on how the array is distributed. The weights are odd:
-one wrong bit always changes c.
+which every rank adds its part to, so that it does not depend on how the array is distributed. The weights are
+odd: one wrong bit always changes c.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ def save(
         OSError: The file cannot be written; the checkpoints that exist stay as they are.
 
     Note:
-        Collective. The file appears under its name only when it is complete and on the disk. Files of later steps
-        belong to a run that this one replaces and are removed.
+        Collective. The file appears under its name only when it is complete and on the disk. Files of later
+        steps belong to a run that this one replaces and are removed.
     """
     parts = {**{n: _block_part(b) for n, b in fields.items()}, **{n: _rows_part(r) for n, r in rows.items()}}
     header, offsets = _header(step, parts, meta, comm)
@@ -133,8 +133,8 @@ def load_latest(
         comm: Communicator of the run, of any size.
 
     Returns:
-        What ``save`` was given as meta, with "step", and this rank's parts of the arrays and rows of the tables;
-        None where the folder holds no checkpoint.
+        What ``save`` was given as meta, with "step", and this rank's parts of the arrays and rows of the
+        tables; None where the folder holds no checkpoint.
 
     Raises:
         CaseError: No file in the folder is whole, or the arrays are not those asked for.

@@ -21,8 +21,8 @@ class History:
         path: The file. Without ``resume_step`` an existing one is replaced.
         columns: Names of the columns with their units, the first one is "step".
         comm: Communicator of the run.
-        resume_step: Step of the checkpoint that the run goes on from: later rows, and a row that was not written
-            to its end, are dropped.
+        resume_step: Step of the checkpoint that the run goes on from: later rows, and a row that was not
+            written to its end, are dropped.
 
     Raises:
         CaseError: The file to go on with has other columns.

@@ -1,7 +1,8 @@
 """Series of files for ParaView: the fluid as image data in one piece a rank, solids as unstructured grids.
 
-A series is ``NAME.pvd``, the list of times, and the files it names in the folder ``NAME``. The list is replaced in
-one go after the files of a time are complete, so that a run may be watched, or stopped, at any moment.
+A series is ``NAME.pvd``, the list of times, and the files it names in the folder ``NAME``. The list is
+replaced in one go after the files of a time are complete, so that a run may be watched, or stopped, at any
+moment.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import os
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,17 @@ if TYPE_CHECKING:
 BYTE_ORDER = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
 FILE = {"version": "1.0", "byte_order": BYTE_ORDER, "header_type": "UInt64"}
 FIELDS = (("velocity", 3), ("pressure", 1))
+MESHIO_CELLS = {
+    5: "triangle",
+    9: "quad",
+    10: "tetra",
+    12: "hexahedron",
+    22: "triangle6",
+    24: "tetra10",
+    28: "quad9",
+}
+"""meshio's names of VTK's cell types."""
+MESHIO_CELLS |= {69: "triangle6", 70: "quad9", 71: "tetra10", 72: "VTK_LAGRANGE_HEXAHEDRON"}
 
 
 class FluidSeries:
@@ -143,7 +155,7 @@ class SolidSeries:
         self,
         t: float,
         points: NDArray | None,
-        cells: Mapping[int | str, NDArray] | None,
+        cells: Mapping[int, NDArray] | None,
         J: NDArray | None,
         displacement: NDArray | None,
     ) -> None:
@@ -152,7 +164,7 @@ class SolidSeries:
         Args:
             t: Time [s].
             points: Positions of the nodes, ``(num_nodes, 3)`` [cm].
-            cells: Nodes of the cells in VTK's order, ``(num_cells, k)``, by VTK cell type or meshio's name for it.
+            cells: Nodes of the cells in VTK's order, ``(num_cells, k)``, by VTK cell type.
             J: Mean of det F in each cell, ``(num_cells,)``, in the order of ``cells``.
             displacement: Displacement of the nodes, ``(num_nodes, 3)`` [cm].
 
@@ -166,9 +178,7 @@ class SolidSeries:
         def write(path: Path) -> None:
             import meshio
 
-            named = {
-                k if isinstance(k, str) else meshio.vtk_to_meshio_type[int(k)]: v for k, v in cells.items()
-            }
+            named = {MESHIO_CELLS[kind]: nodes for kind, nodes in cells.items()}
             ends = np.cumsum([len(block) for block in named.values()])[:-1]
             mesh = meshio.Mesh(
                 points, named, point_data={"displacement": displacement}, cell_data={"J": np.split(J, ends)}
@@ -216,7 +226,7 @@ class _Index:
         number = times.index(t) if t in times else len(times)
         return self.folder / f"{self.folder.name}_{number:06d}"
 
-    def add(self, t: float, path: Path, write: object) -> None:
+    def add(self, t: float, path: Path, write: Callable[[Path], None]) -> None:
         """Write the file of time t by ``write(path)`` on rank 0 and enter it in the list (collective)."""
         entry, error = (t, f"{self.folder.name}/{path.name}"), None
         if entry not in self.entries:
@@ -225,7 +235,7 @@ class _Index:
             if self.comm.rank == 0:
                 write(path)
                 self._save()
-        except OSError as failure:
+        except Exception as failure:
             error = failure
         raise_together(self.comm, error)
 

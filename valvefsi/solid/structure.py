@@ -261,10 +261,10 @@ class Structure:
         corners = geometry.x[geometry.dofmap[:num_cells]]
         a, b = np.triu_indices(corners.shape[1], k=1)
         edge = np.linalg.norm(corners[:, a] - corners[:, b], axis=2).min(initial=np.inf)
-        largest = [array.max(initial=0.0) for array in (self._spring, self._damper)]
-        tether, damping = self.comm.allreduce(np.array(largest), op=MPI.MAX)
         edge = self.comm.allreduce(float(edge), op=MPI.MIN)
-        return Stiffness(self.material.shear_modulus, self.kappa, edge, float(tether), float(damping))
+        tether = self.comm.allreduce(float(self._spring.max(initial=0.0)), op=MPI.MAX)
+        damping = self.comm.allreduce(float(self._damper.max(initial=0.0)), op=MPI.MAX)
+        return Stiffness(self.material.shear_modulus, self.kappa, edge, tether, damping)
 
     def tether_report(self) -> list[SupportReport]:
         """Return each tether with the area or volume it holds; give = mean traction / stiffness."""

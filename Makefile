@@ -1,0 +1,58 @@
+# Two commands do everything on a fresh machine, set-up included:  make demo,  make test
+#
+# PYTHON=/path/to/python3.13 names the interpreter; RANKS=4 the number of MPI ranks of demo and test-parallel;
+# ARGS='-k windkessel' is handed to pytest.
+
+RANKS ?= 2
+BIN := .venv/bin
+MPIRUN := $(BIN)/mpirun
+STAMP := .venv/ready
+LOGS := build/ranks
+
+# One thread a rank; the ranks use the cores. A test that hangs (ranks out of step) is ended and shows where.
+export OMP_NUM_THREADS = 1
+export MPLBACKEND = Agg
+PYTEST := $(BIN)/python -m pytest -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
+
+# Which rank a process is: Hydra (MPICH), Open MPI, PMIx. Rank 0 speaks, the others write to files.
+RANKED = rank=$${PMI_RANK:-$${OMPI_COMM_WORLD_RANK:-$${PMIX_RANK:-0}}}; \
+	if [ $$rank -eq 0 ]; then exec "$$@"; else exec "$$@" >$(LOGS)/rank$$rank.log 2>&1; fi
+
+.PHONY: help setup demo test test-parallel test-slow lint format clean
+.DEFAULT_GOAL := help
+
+help: ## list these commands
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' Makefile
+
+setup: $(STAMP) ## make .venv with everything in it; the other commands do this when needed
+
+$(STAMP): pyproject.toml
+	@PYTHON='$(PYTHON)' .ci/setup
+	@touch $@
+
+demo: $(STAMP) ## the compressed block in a box of fluid on two ranks: table, pictures, ParaView series
+	$(MPIRUN) -n $(RANKS) $(BIN)/python -m valvefsi bench compression --out results/compression
+
+test: $(STAMP) ## the test suite on one rank
+	$(PYTEST) -m 'not slow' $(ARGS)
+
+test-parallel: $(STAMP) ## the same tests under mpirun, without those that start processes of their own
+	@rm -rf $(LOGS) && mkdir -p $(LOGS)
+	$(MPIRUN) -n $(RANKS) sh -c '$(RANKED)' ranked \
+		$(PYTEST) -p no:cacheprovider -m 'not slow and not serial' $(ARGS) \
+		|| { tail -n 60 $(LOGS)/*.log; exit 1; }
+
+test-slow: $(STAMP) ## the longer studies
+	$(PYTEST) -m slow $(ARGS)
+
+lint: $(STAMP) ## ruff: rules and format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: $(STAMP) ## let ruff put the format right
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean: ## remove .venv, caches and logs; results stay
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache
+	find valvefsi tests demos -name __pycache__ -type d -prune -exec rm -rf {} +

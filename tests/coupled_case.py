@@ -1,0 +1,56 @@
+"""A small immersed block that the coupled tests share."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+from valvefsi.coupling.transfer import Coupling
+from valvefsi.fluid.boundary import Boundary, Wall
+from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.fsi import Model
+from valvefsi.geometry.shapes import compressed_block
+from valvefsi.grid import MacGrid
+from valvefsi.recording import Output, Probe
+from valvefsi.simulation import Schedule, Simulation
+from valvefsi.solid.loads import DeadLoad, Ramp, Tether
+from valvefsi.solid.materials import NeoHookean
+from valvefsi.solid.structure import Discretisation, Structure
+
+STEPS = 40
+DT = 0.02
+
+
+def block_model(comm=MPI.COMM_WORLD, *, lid=0.0, tether=2e4, load=200.0, cells=24):
+    """Block of Lee2020 E.1 on a coarse grid, loaded at once, under a lid that moves."""
+    mesh = compressed_block(comm, elements=(8, 4))
+    solid = Structure(
+        mesh,
+        NeoHookean(c1=80.194),
+        name="block",
+        nu_stab=0.4,
+        discretisation=Discretisation(kernel="bspline3"),
+        damping=4.0,
+        tethers=[
+            Tether(on=("bottom",), components=("y",), stiffness=tether),
+            Tether(on=("top_loaded", "top_outer"), components=("x",), stiffness=tether),
+        ],
+        loads=[DeadLoad(on=("top_loaded",), traction=(0.0, -load), ramp=Ramp(duration=0.5))],
+    )
+    grid = MacGrid([0, 0], [40, 40], [cells, cells], [False, False], comm)
+    fluid = NavierStokes(grid, Boundary(grid, {"y_upper": Wall(velocity=(lid, 0.0))}), rho=1.0, mu=0.1)
+    return Model(grid=grid, fluid=fluid, solids=(solid,), couplings=(Coupling(grid, "bspline3"),))
+
+
+def simulation(folder, comm=MPI.COMM_WORLD, *, steps=STEPS, model=None, dt=DT, cfl_max=0.5, **options):
+    """A run of the block into a folder."""
+    model = model or block_model(comm, lid=2.0)
+    output = Output(
+        directory=folder,
+        **{
+            "history_every": 5,
+            "frames": 4,
+            "probes": (Probe(name="top_centre", solid=0, at=(20.0, 25.0)),),
+            **options,
+        },
+    )
+    return Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=cfl_max), output)

@@ -1,0 +1,179 @@
+"""Checkpoints: exact round trips between decompositions, damage recognised."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from valvefsi.errors import CaseError
+from valvefsi.io.checkpoint import Block, Rows, list_checkpoints, load_latest, save
+
+SHAPE = (12, 7, 3)
+COUNT = 41
+
+
+def whole_field(seed=1):
+    return np.random.default_rng(seed).standard_normal(SHAPE)
+
+
+def whole_table(seed=2):
+    return np.random.default_rng(seed).standard_normal((COUNT, 3))
+
+
+def part(comm, axis, flip=False):
+    """Start and size of this rank's share of SHAPE, cut along an axis."""
+    rank = comm.size - 1 - comm.rank if flip else comm.rank
+    first, last = (SHAPE[axis] * (rank + k) // comm.size for k in (0, 1))
+    start, size = [0, 0, 0], list(SHAPE)
+    start[axis], size[axis] = first, last - first
+    return tuple(start), tuple(size)
+
+
+def cut(array, start, size):
+    return array[tuple(slice(s, s + n) for s, n in zip(start, size, strict=True))]
+
+
+def write(comm, directory, step, seed=1, **options):
+    start, size = part(comm, 0)
+    ids = np.random.default_rng(5).permutation(COUNT)[comm.rank :: comm.size]
+    fields = {"u0": Block(np.asfortranarray(cut(whole_field(seed), start, size)), start, SHAPE)}
+    rows = {"chi": Rows(whole_table(seed + 1)[ids], ids, COUNT)}
+    return save(directory, step, fields, rows, {"t": 0.1 * step, "note": "a"}, comm, **options)
+
+
+def read(comm, directory, axis=1):
+    ids = np.arange(COUNT)[comm.rank :: comm.size][::-1]
+    return load_latest(directory, {"u0": part(comm, axis, flip=True)}, {"chi": ids}, comm)
+
+
+def read_quietly(comm, directory):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        return read(comm, directory), [str(item.message) for item in caught]
+
+
+def damage(comm, path, change):
+    comm.barrier()
+    if comm.rank == 0:
+        content = bytearray(path.read_bytes())
+        path.write_bytes(change(content))
+    comm.barrier()
+
+
+def flip_bit(content, position=-1000, bit=3):
+    content[position] ^= 1 << bit
+    return content
+
+
+def assert_is(comm, found, step, seed=1):
+    meta, fields, rows = found
+    assert meta == {"t": 0.1 * step, "note": "a", "step": step}
+    np.testing.assert_array_equal(fields["u0"], cut(whole_field(seed), *part(comm, 1, flip=True)))
+    np.testing.assert_array_equal(rows["chi"], whole_table(seed + 1)[comm.rank :: comm.size][::-1])
+
+
+def test_what_is_written_in_one_layout_is_read_in_another(comm, shared_tmp):
+    path = write(comm, shared_tmp / "new", 1234)
+    assert path.name == "step_00001234.vfc"
+    assert_is(comm, read(comm, shared_tmp / "new"), 1234)
+
+
+def test_a_file_written_by_all_ranks_is_read_by_one_and_the_other_way_round(comm, shared_tmp):
+    from mpi4py import MPI
+
+    write(comm, shared_tmp / "all", 1)
+    if comm.rank == 0:
+        assert_is(MPI.COMM_SELF, read(MPI.COMM_SELF, shared_tmp / "all"), 1)
+        write(MPI.COMM_SELF, shared_tmp / "one", 1)
+    comm.barrier()
+    assert_is(comm, read(comm, shared_tmp / "one"), 1)
+
+
+def test_the_bytes_of_a_file_do_not_depend_on_the_number_of_ranks(comm, shared_tmp):
+    from mpi4py import MPI
+
+    path = write(comm, shared_tmp / "all", 1)
+    if comm.rank == 0:
+        assert write(MPI.COMM_SELF, shared_tmp / "one", 1).read_bytes() == path.read_bytes()
+        # On one rank the comparison must not be empty: the file holds the arrays as they are.
+        assert path.read_bytes().endswith(whole_field().tobytes() + whole_table(2).tobytes())
+
+
+def test_an_empty_folder_holds_no_checkpoint(comm, shared_tmp):
+    assert read(comm, shared_tmp) is None
+    assert read(comm, shared_tmp / "missing") is None
+
+
+@pytest.mark.parametrize("position", [3, 10, 18, 60, -1000, -1])
+def test_one_wrong_bit_is_recognised_and_the_file_before_is_used(comm, shared_tmp, position):
+    write(comm, shared_tmp, 10, seed=3)
+    damage(comm, write(comm, shared_tmp, 20), lambda content: flip_bit(content, position))
+    found, messages = read_quietly(comm, shared_tmp)
+    assert_is(comm, found, 10, seed=3)
+    assert len(messages) == (comm.rank == 0)
+    if comm.rank == 0:
+        assert "step_00000020.vfc is damaged" in messages[0]
+        assert "using step_00000010.vfc" in messages[0]
+
+
+@pytest.mark.parametrize("length", [0, 20, 300, -8, -1])
+def test_a_file_that_is_cut_off_is_recognised(comm, shared_tmp, length):
+    write(comm, shared_tmp, 10, seed=3)
+    damage(comm, write(comm, shared_tmp, 20), lambda content: content[:length])
+    found, _ = read_quietly(comm, shared_tmp)
+    assert_is(comm, found, 10, seed=3)
+
+
+def test_a_run_does_not_start_anew_where_all_checkpoints_are_damaged(comm, shared_tmp):
+    damage(comm, write(comm, shared_tmp, 10), flip_bit)
+    with pytest.raises(CaseError, match="all are damaged"):
+        read_quietly(comm, shared_tmp)
+
+
+def test_the_last_files_are_kept_and_those_of_an_abandoned_run_go(comm, shared_tmp):
+    for step in (10, 20, 30):
+        write(comm, shared_tmp, step)
+    assert [path.stem for path in list_checkpoints(shared_tmp)] == ["step_00000020", "step_00000030"]
+    comm.barrier()
+    write(comm, shared_tmp, 25)
+    assert [path.stem for path in list_checkpoints(shared_tmp)] == ["step_00000020", "step_00000025"]
+    comm.barrier()
+    write(comm, shared_tmp, 30, keep=1)
+    assert [path.name for path in sorted(shared_tmp.iterdir())] == ["step_00000030.vfc"]
+
+
+def test_parts_that_do_not_add_up_are_refused_on_all_ranks(comm, shared_tmp):
+    start, size = part(comm, 0)
+    short = (size[0] - (comm.rank == 0), *size[1:])
+    with pytest.raises(CaseError, match="entries"):
+        save(shared_tmp, 1, {"u0": Block(np.zeros(short), start, SHAPE)}, {}, {}, comm)
+    outside = {"u0": Block(np.zeros(size), (start[0] + (comm.rank == 0) * 12, 0, 0), SHAPE)}
+    with pytest.raises(CaseError, match="does not fit"):
+        save(shared_tmp, 1, outside, {}, {}, comm)
+    ids = np.zeros(2 if comm.rank == 0 else 0, dtype=int)
+    with pytest.raises(CaseError, match="twice the same"):
+        save(shared_tmp, 1, {}, {"chi": Rows(np.zeros((len(ids), 3)), ids, 2)}, {}, comm)
+
+
+def test_another_grid_or_mesh_or_name_is_refused_on_all_ranks(comm, shared_tmp):
+    write(comm, shared_tmp, 1)
+    start, size = part(comm, 1)
+    for request, ids, message in (
+        ({"u0": (start, (*size[:2], 2))}, [], "the run asked for"),
+        ({"u0": (start, (*size[:2], 4))}, [], "another grid"),
+        ({}, np.arange(COUNT + 1), "another mesh"),
+    ):
+        with pytest.raises(CaseError, match=message):
+            load_latest(shared_tmp, request, {"chi": ids} if len(ids) else {}, comm)
+    with pytest.raises(CaseError, match="it holds u0, chi"):
+        load_latest(shared_tmp, {"u9": (start, size)}, {}, comm)
+
+
+def test_arrays_without_entries_and_whole_numbers_survive(comm, shared_tmp):
+    empty = {"none": Rows(np.zeros((0, 3)), np.zeros(0), 0)}
+    numbers = np.arange(5) - 2 if comm.rank == 0 else np.zeros(0, dtype=np.int64)
+    save(shared_tmp, 1, {"n": Block(numbers, (0 if comm.rank == 0 else 5,), (5,))}, empty, {}, comm)
+    own = ((0,), (5,)) if comm.rank == 0 else ((0,), (0,))
+    _, fields, rows = load_latest(shared_tmp, {"n": own}, {"none": np.zeros(0)}, comm)
+    assert fields["n"].tolist() == ([-2, -1, 0, 1, 2] if comm.rank == 0 else [])
+    assert rows["none"].shape == (0, 3)

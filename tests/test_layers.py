@@ -1,0 +1,172 @@
+"""The architecture's rules, checked on the syntax tree of the package: layers, fences, sizes."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path, PurePosixPath
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "valvefsi"
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+# From the bottom to the top; the parts of one layer never import one another. The package itself and __main__ stand beside cli.
+LAYERS = [
+    {"units", "errors", "dolfinx_compat"},
+    {"grid"},
+    {"fluid", "solid", "coupling", "circulation", "geometry", "diagnostics", "io"},
+    {"fsi"},
+    {"simulation"},
+    {"case"},
+    {"benchmarks", "fitting", "verification"},
+    {"cli"},
+    {"__main__"},
+]
+LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
+
+KERNELS = ("fluid/stencils.py", "fluid/advection.py", "fluid/*kernels*.py", "coupling/kernels.py")
+FORMS = ("solid/*", "io/*", "geometry/*", "dolfinx_compat.py")
+BORDER = ("case.py", "cli.py")
+FENCES = {
+    **dict.fromkeys(("ufl", "dolfinx", "basix", "ffcx"), FORMS),
+    "petsc4py": (*FORMS, "fluid/*"),
+    "dolfinx_solver": ("dolfinx_compat.py",),
+    "numba": KERNELS,
+    "gmsh": ("geometry/*",),
+    **dict.fromkeys(("pydantic", "pint", "typer", "rich"), BORDER),
+}
+MODULE_LINES, FUNCTION_LINES, KERNEL_LINES, ARGUMENTS = 450, 40, 60, 8
+
+
+def is_one_of(where: str, patterns: tuple[str, ...]) -> bool:
+    """Return whether the file ``where`` (relative to the package) matches a pattern."""
+    return any(PurePosixPath(where).match(pattern) for pattern in patterns)
+
+
+def imported(node: ast.AST, where: str) -> list[str]:
+    """Return the full names of the modules that an import statement may load."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if not isinstance(node, ast.ImportFrom):
+        return []
+    base = ["valvefsi", *PurePosixPath(where).parent.parts] if node.level else []
+    base = base[: len(base) - node.level + 1] + (node.module.split(".") if node.module else [])
+    return [".".join([*base, alias.name]) for alias in node.names]
+
+
+def import_faults(node: ast.AST, where: str) -> list[str]:
+    """Return what is wrong with an import: upwards, sideways, or over a fence."""
+    faults = []
+    own = PurePosixPath(where).parts[0].removesuffix(".py")
+    for name in imported(node, where):
+        root, part = (name.split(".") + [""])[:2]
+        if (
+            root == "valvefsi"
+            and part in LEVEL
+            and own in LEVEL
+            and part != own
+            and LEVEL[part] >= LEVEL[own]
+        ):
+            faults.append(f"{own} must not import {part}")
+        if root in FENCES and not is_one_of(where, FENCES[root]):
+            faults.append(f"{root} is allowed only in {', '.join(FENCES[root])}")
+    if isinstance(node, ast.ImportFrom) and any(alias.name == "*" for alias in node.names):
+        faults.append("import *")
+    return faults
+
+
+def code_lines(function: ast.FunctionDef | ast.AsyncFunctionDef, lines: list[str]) -> int:
+    """Count the lines of a body without docstring, comments and blank lines."""
+    body = function.body[1:] if ast.get_docstring(function) is not None else function.body
+    if not body:
+        return 0
+    text = [line.strip() for line in lines[body[0].lineno - 1 : body[-1].end_lineno]]
+    return sum(1 for line in text if line and not line.startswith("#"))
+
+
+def function_faults(node: ast.AST, where: str, lines: list[str]) -> list[str]:
+    """Return what is wrong with the size of a function."""
+    if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+        return []
+    kernel, faults, given = is_one_of(where, KERNELS), [], node.args
+    limit = KERNEL_LINES if kernel else FUNCTION_LINES
+    if (length := code_lines(node, lines)) > limit:
+        faults.append(f"{node.name} has {length} lines of code, more than {limit}")
+    names = [
+        a.arg for a in (*given.posonlyargs, *given.args, *given.kwonlyargs) if a.arg not in ("self", "cls")
+    ]
+    if len(names) > ARGUMENTS and not kernel:
+        faults.append(f"{node.name} takes {len(names)} arguments, more than {ARGUMENTS}")
+    return faults
+
+
+def faults_of(source: str, where: str) -> list[str]:
+    """Return everything that breaks a rule in ``source``, the text of the file ``where`` of the package."""
+    lines = source.splitlines()
+    faults = [f"{where}: {len(lines)} lines, more than {MODULE_LINES}"] if len(lines) > MODULE_LINES else []
+    top = PurePosixPath(where).parts[0].removesuffix(".py")
+    if top not in {*LEVEL, "__init__"}:
+        faults.append(f"{where}: {top} has no place in the layers")
+    for node in ast.walk(ast.parse(source)):
+        found = import_faults(node, where) + function_faults(node, where, lines)
+        if isinstance(node, ast.ExceptHandler) and node.type is None:
+            found.append("except: without a type")
+        faults += [f"{where}:{getattr(node, 'lineno', 0)}: {fault}" for fault in found]
+    return faults
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_a_module_keeps_to_its_layer_its_fences_and_its_size(path):
+    faults = faults_of(path.read_text(encoding="utf-8"), path.relative_to(PACKAGE).as_posix())
+    assert not faults, "\n" + "\n".join(faults)
+
+
+LONG = "def f():\n    '''Say.\n\n    More.\n    '''\n" + "    x = 1\n\n    # why\n"
+BAD = [
+    ("fluid/boundary.py", "from valvefsi.coupling import kernels", "fluid must not import coupling"),
+    ("fluid/boundary.py", "from valvefsi import grid, io", "fluid must not import io"),
+    ("solid/loads.py", "def f():\n    from ..fsi import step", "solid must not import fsi"),
+    ("grid.py", "import valvefsi.diagnostics", "grid must not import diagnostics"),
+    ("io/plots.py", "from .. import case", "io must not import case"),
+    ("fluid/boundary.py", "import numba as nb", "numba is allowed only in"),
+    ("coupling/transfer.py", "from dolfinx.fem import form", "dolfinx is allowed only in"),
+    ("solid/structure.py", "import gmsh", "gmsh is allowed only in"),
+    ("simulation.py", "from rich.progress import Progress", "rich is allowed only in"),
+    ("grid.py", "from petsc4py import PETSc", "petsc4py is allowed only in"),
+    ("solid/loads.py", "from numpy import *", "import *"),
+    ("solid/loads.py", "try:\n    x = 1\nexcept:\n    pass", "except: without a type"),
+    ("solid/loads.py", LONG + "    x = 1\n" * 40, "f has 41 lines of code, more than 40"),
+    ("fluid/stencils.py", LONG + "    x = 1\n" * 60, "f has 61 lines of code, more than 60"),
+    ("solid/loads.py", "def f(self, a, b, c, d, e, *, g, h, i, j): ...", "f takes 9 arguments, more than 8"),
+    ("solid/loads.py", "x = 1\n" * 451, "451 lines, more than 450"),
+    ("helpers/misc.py", "x = 1", "helpers has no place in the layers"),
+]
+GOOD = [
+    (
+        "fluid/boundary.py",
+        "from petsc4py import PETSc\nfrom valvefsi.grid import MacGrid\nfrom . import stencils",
+    ),
+    (
+        "solid/structure.py",
+        "import ufl\nfrom valvefsi import dolfinx_compat as compat\nfrom .loads import DeadLoad",
+    ),
+    ("coupling/kernels.py", "import numba\n" + LONG + "    x = 1\n" * 59),
+    ("cli.py", "import typer\nfrom valvefsi import __version__, case, simulation"),
+    ("solid/loads.py", LONG + "    x = 1\n" * 39),
+]
+
+
+@pytest.mark.parametrize(("where", "source", "fault"), BAD, ids=[fault for *_, fault in BAD])
+def test_a_broken_rule_is_noticed(where, source, fault):
+    faults = faults_of(source, where)
+    assert len(faults) == 1
+    assert fault in faults[0]
+
+
+@pytest.mark.parametrize(("where", "source"), GOOD, ids=[where for where, _ in GOOD])
+def test_what_the_rules_allow_passes(where, source):
+    assert faults_of(source, where) == []
+
+
+def test_the_package_is_found():
+    assert PACKAGE / "__init__.py" in FILES

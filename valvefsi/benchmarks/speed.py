@@ -1,0 +1,156 @@
+"""Speed of the fluid step: phases, and the ratio to a fast cosine transform of the same grid in the same run.
+
+One pair is scipy.fft.dctn and idctn of the grid on one thread: a yardstick that moves with the machine.
+"""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import scipy.fft
+from mpi4py import MPI
+
+from valvefsi.benchmarks.results import environment, row, write_result
+from valvefsi.errors import CaseError
+from valvefsi.fluid.boundary import Boundary, Wall
+from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.grid import MacGrid
+from valvefsi.simulation import Timed
+
+PARAMETERS = {"rho": 1.0, "mu": 0.01, "cfl": 0.3}
+
+
+def run(
+    *,
+    sizes: Sequence[int] = (32, 64, 128),
+    dim: int = 3,
+    steps: int = 5,
+    out: Path = Path("results/speed"),
+    overrides: Sequence[str] = (),
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> dict[str, object]:
+    """Time fluid steps on grids of N cells along each axis, walls on all sides but one pair.
+
+    Args:
+        sizes: Grid sizes N.
+        dim: 2 or 3 dimensions.
+        steps: Steps timed per grid, after two that are not.
+        out: Folder of ``result.json`` and ``speed.png``.
+        overrides: ``rho``, ``mu`` or ``cfl`` as ``key=value``.
+        comm: Communicator.
+
+    Returns:
+        The contents of ``result.json``.
+
+    Note:
+        Collective.
+    """
+    parameters = _parameters(overrides)
+    grids = [_measure(n, dim, steps, parameters, comm) for n in sizes]
+    table = [
+        row(
+            f"{g['N']}^{dim}, {comm.size} rank{'s' * (comm.size > 1)}: step / DCT pair",
+            g["pairs_per_step"],
+            8.0 if (g["N"], dim, comm.size) == (128, 3, 1) else None,
+            "budget of the finished fluid" if (g["N"], dim, comm.size) == (128, 3, 1) else "",
+        )
+        for g in grids
+    ]
+    result = {
+        "benchmark": "speed",
+        "parameters": parameters | {"sizes": list(sizes), "dim": dim, "steps": steps},
+        "grids": grids,
+        "table": table,
+        "environment": environment(comm),
+    }
+    write_result(out, result, comm)
+    if comm.rank == 0:
+        from valvefsi.io.plots import phase_bars
+
+        phase_bars(Path(out) / "speed.png", {f"{g['N']}^{dim}": g["phases_ms"] for g in grids})
+    return result
+
+
+def _parameters(overrides: Sequence[str]) -> dict[str, float]:
+    parameters = dict(PARAMETERS)
+    for entry in overrides:
+        key, _, value = entry.partition("=")
+        if key not in parameters:
+            raise CaseError(f"expected one of {', '.join(parameters)}", key=key, value=value)
+        try:
+            parameters[key] = float(value)
+        except ValueError:
+            raise CaseError("expected a number", key=key, value=value) from None
+    return parameters
+
+
+def _measure(n: int, dim: int, steps: int, parameters: dict[str, float], comm: MPI.Comm) -> dict[str, object]:
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    pair = comm.bcast(_time_of_pair(n, dim) if comm.rank == 0 else None)
+    after_pair = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    grid = MacGrid([0.0] * dim, [1.0] * dim, [n] * dim, [False] * (dim - 1) + [True], comm)
+    lid = Wall(velocity=(0.0,) + (1.0,) * (dim - 1))
+    fluid = NavierStokes(
+        grid, Boundary(grid, {"x_upper": lid}), rho=parameters["rho"], mu=parameters["mu"]
+    )
+    phases: dict[str, float] = defaultdict(float)
+    clocked = _clock(fluid, phases)
+    dt = parameters["cfl"] / n
+    u, p, f = fluid.fill(grid.zero_faces(), 0.0), grid.zeros(), grid.zero_faces()
+    N_old, times = fluid.advection(u), []
+    for k in range(steps + 2):
+        if k == 2:
+            phases.clear()
+        comm.barrier()
+        started = time.perf_counter()
+        N = clocked.advection(u)
+        u, p = clocked.step(u, p, (N, N_old, 1.0), f, k * dt, dt)
+        N_old = N
+        comm.barrier()
+        times.append(time.perf_counter() - started)
+    step = float(np.median(times[2:]))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    grown = comm.allreduce((peak - max(before, after_pair)) * 1024.0)
+    return {
+        "N": n,
+        "cells": n**dim,
+        "ranks": comm.size,
+        "step_ms": 1e3 * step,
+        "step_ms_range": [1e3 * min(times[2:]), 1e3 * max(times[2:])],
+        "dct_pair_ms": 1e3 * pair,
+        "pairs_per_step": step / pair,
+        "cell_steps_per_s": n**dim / step,
+        "memory_growth_float64_per_cell": grown / 8.0 / n**dim,
+        "phases_ms": _exclusive({k: 1e3 * v / steps for k, v in phases.items()}),
+    }
+
+
+def _time_of_pair(n: int, dim: int, repeats: int = 5) -> float:
+    """Median time of dctn and idctn of the grid on one thread [s]."""
+    x = np.random.default_rng(0).standard_normal((n,) * dim)
+    times = []
+    for _ in range(repeats + 1):
+        started = time.perf_counter()
+        scipy.fft.idctn(scipy.fft.dctn(x, workers=1), workers=1)
+        times.append(time.perf_counter() - started)
+    return float(np.median(times[1:]))
+
+
+def _clock(fluid: NavierStokes, table: dict[str, float]) -> Timed:
+    """Put clocks into the parts of a fluid step, and around the step."""
+    fluid.velocity_solvers = [Timed(s, table, {"solve": "viscous solves"}) for s in fluid.velocity_solvers]
+    fluid.pressure_solver = Timed(fluid.pressure_solver, table, {"solve": "pressure solve"})
+    fluid.grid = Timed(fluid.grid, table, {"exchange": "ghosts"})
+    return Timed(fluid, table, {"advection": "advection", "step": "step"})
+
+
+def _exclusive(phases: dict[str, float]) -> dict[str, float]:
+    """Replace the time of the whole step by what is left of it after its parts."""
+    inner = ("viscous solves", "pressure solve", "ghosts")
+    rest = phases.pop("step", 0.0) - sum(phases.get(name, 0.0) for name in inner)
+    return {**phases, "right-hand side, gradients, copies": rest}

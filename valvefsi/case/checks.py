@@ -1,0 +1,178 @@
+"""Checks of a case that look at more than one table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING
+
+from valvefsi.case.overrides import nearest
+from valvefsi.errors import CaseError
+
+if TYPE_CHECKING:
+    from valvefsi.case.models import Case, Grid, Sides, Solid
+
+REACH = {
+    "piecewise_linear": 1.0,
+    "bspline3": 1.5,
+    "bspline4": 2.0,
+    "bspline5": 2.5,
+    "bspline6": 3.0,
+    "ib3": 1.5,
+    "ib4": 2.0,
+    "ib5": 2.5,
+    "ib6": 3.0,
+}
+"""How far each kernel reaches from a point, in grid spacings."""
+
+
+def check_case(case: Case) -> None:
+    """Check what holds between the tables of a case.
+
+    Raises:
+        CaseError: Something does not fit; its key is a path with numbers for the items of lists.
+    """
+    _check_sides(case.grid, case.fluid.sides)
+    names: list[str] = []
+    for number, solid in enumerate(case.solid):
+        key = f"solid.{number}"
+        if solid.name in names:
+            raise CaseError(
+                "two solids have this name; give each its own", key=f"{key}.name", value=solid.name
+            )
+        names.append(solid.name)
+        _check_solid(case, solid, key)
+    if case.dt > case.time.t_end:
+        raise CaseError(
+            f"expected at least one time step, {case.dt:g} s", key="time.t_end", value=case.time.t_end
+        )
+
+
+def check_against_mesh(
+    case: Case, number: int, *, tags: Collection[str], lower: Sequence[float], upper: Sequence[float]
+) -> None:
+    """Check a solid against its mesh.
+
+    Args:
+        case: The case.
+        number: Which solid.
+        tags: Names of the mesh's facet and cell tags.
+        lower: Lower corner of the mesh's bounding box [cm].
+        upper: Upper corner of it [cm].
+
+    Raises:
+        CaseError: A tag is not in the mesh, the solid is not inside the box or a probe not inside the solid.
+    """
+    solid, file = case.solid[number], case.file
+    key = f"solid.{solid.name}"
+    try:
+        _check_tags(solid, key, tags)
+        mesh_key = f"{key}.mesh.lower" if solid.mesh.shape else f"{key}.mesh.file"
+        value = [float(x) for x in lower[: case.grid.dim]] if solid.mesh.shape else solid.mesh.file
+        _check_place(case, solid, (lower, upper), mesh_key, value)
+        _check_probes(solid, key, lower, upper)
+    except CaseError as error:
+        raise CaseError(error.reason, file=file, key=error.key, value=error.value) from None
+
+
+def _check_sides(grid: Grid, sides: Sides) -> None:
+    """Velocities have one entry per dimension and let no net flow in; two dimensions have no z sides."""
+    flow, scale = 0.0, 0.0
+    area = math.prod(n * grid.h for n in grid.cells)
+    for number, name in enumerate(type(sides).model_fields):
+        side, (axis, upper) = getattr(sides, name), divmod(number, 2)
+        key = f"fluid.sides.{name}"
+        if axis >= grid.dim:
+            if name in sides.model_fields_set:
+                raise CaseError("a case in two dimensions has no such side; leave it out", key=key)
+            continue
+        if side.velocity:
+            if len(side.velocity) != grid.dim:
+                expected = f"expected {grid.dim} entries, or none for a wall at rest"
+                raise CaseError(expected, key=f"{key}.velocity", value=list(side.velocity))
+            rate = side.velocity[axis] * area / (grid.cells[axis] * grid.h)
+            flow += -rate if upper else rate
+            scale += abs(rate)
+    if abs(flow) > 1e-12 * scale:
+        raise CaseError(
+            f"the walls' velocities let {flow:g} cm^{grid.dim}/s into the box; in and out must balance",
+            key="fluid.sides",
+        )
+
+
+def _check_solid(case: Case, solid: Solid, key: str) -> None:
+    dim = case.grid.dim
+    for number, load in enumerate(solid.load):
+        _check_length(load.traction, dim, f"{key}.load.{number}.traction")
+    for number, tether in enumerate(solid.tether):
+        if dim == 2 and "z" in tether.components:
+            place = f"{key}.tether.{number}.components"
+            raise CaseError("in two dimensions there are 'x', 'y'", key=place, value=list(tether.components))
+    probes: list[str] = []
+    for number, probe in enumerate(solid.probe):
+        _check_length(probe.at, dim, f"{key}.probe.{number}.at")
+        if probe.name in probes:
+            raise CaseError("two probes have this name", key=f"{key}.probe.{number}.name", value=probe.name)
+        probes.append(probe.name)
+    mesh = solid.mesh
+    if mesh.shape is not None:
+        if mesh.shape_dim != dim:
+            fits = "'box'" if dim == 3 else "'rectangle' or 'compressed_block'"
+            raise CaseError(
+                f"the grid has {dim} dimensions; expected {fits}", key=f"{key}.mesh.shape", value=mesh.shape
+            )
+        from valvefsi.case.models import SHAPES
+
+        upper = [a + b for a, b in zip(mesh.lower, mesh.size, strict=True)]
+        _check_tags(solid, key, SHAPES[mesh.shape][1])
+        _check_place(case, solid, (mesh.lower, upper), f"{key}.mesh.lower", list(mesh.lower))
+        _check_probes(solid, key, mesh.lower, upper)
+
+
+def _check_length(value: Sequence[float], dim: int, key: str) -> None:
+    if len(value) != dim:
+        raise CaseError(f"expected {dim} entries, as many as grid.lower", key=key, value=list(value))
+
+
+def _check_tags(solid: Solid, key: str, tags: Collection[str]) -> None:
+    for kind in ("tether", "load"):
+        for number, item in enumerate(getattr(solid, kind)):
+            for tag in item.on:
+                if tag not in tags:
+                    place = f"{key}.{kind}.{number}.on"
+                    raise CaseError(
+                        f"the mesh has no such tag{nearest(tag, sorted(tags))}", key=place, value=tag
+                    )
+
+
+def _check_place(
+    case: Case, solid: Solid, box: tuple[Sequence[float], Sequence[float]], key: str, value: object
+) -> None:
+    """Keep a solid inside the box, and as far from its walls as the kernel reaches."""
+    grid, reach = case.grid, REACH[solid.kernel] * case.grid.h
+    for axis in range(grid.dim):
+        if case.fluid.sides.periodic(axis):
+            continue
+        low, high = grid.lower[axis] + reach, grid.upper[axis] - reach
+        first, last = box[0][axis], box[1][axis]
+        slack = 1e-12 * (high - low)
+        if first < low - slack or last > high + slack:
+            name = "xyz"[axis]
+            outside = first < grid.lower[axis] or last > grid.upper[axis]
+            what = "outside the box" if outside else f"within the reach of {solid.kernel} from a wall"
+            raise CaseError(
+                f"the solid is {what}: it spans {name} = {first:g} ... {last:g} cm, "
+                f"allowed is {low:g} ... {high:g} cm",
+                key=key,
+                value=value,
+            )
+
+
+def _check_probes(solid: Solid, key: str, lower: Sequence[float], upper: Sequence[float]) -> None:
+    for number, probe in enumerate(solid.probe):
+        for x, a, b in zip(probe.at, lower, upper, strict=False):
+            if not a - 1e-9 * (b - a) <= x <= b + 1e-9 * (b - a):
+                clipped = (min(max(x, a), b) for x, a, b in zip(probe.at, lower, upper, strict=False))
+                near = ", ".join(f"{v:g}" for v in clipped)
+                message = f"the probe is outside the solid; the nearest position is {near} cm"
+                raise CaseError(message, key=f"{key}.probe.{number}.at", value=list(probe.at))

@@ -1,0 +1,396 @@
+"""The tables of a case file as typed models; all quantities in them are CGS numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic_core import PydanticCustomError
+
+from valvefsi.case.overrides import nearest
+from valvefsi.case.quantities import (
+    BodyDamping,
+    Density,
+    Length,
+    Quantity,
+    StepPerSpacing,
+    Stress,
+    Time,
+    Velocity,
+    Viscosity,
+    unit_of,
+)
+from valvefsi.errors import CaseError
+
+Axis = Literal["x", "y", "z"]
+Kernel = Literal[
+    "piecewise_linear", "bspline3", "bspline4", "bspline5", "bspline6", "ib3", "ib4", "ib5", "ib6"
+]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
+RECTANGLE = ("body", *SIDES[:4])
+SHAPES = {
+    "compressed_block": (2, ("block", "bottom", "sides", "top_loaded", "top_outer")),
+    "rectangle": (2, RECTANGLE),
+    "box": (3, ("body", *SIDES)),
+}
+"""Shapes that valvefsi meshes itself: dimension and tags."""
+
+
+def problem(message: str, key: str | None = None, value: object = None) -> PydanticCustomError:
+    """Return the error of a value, or of the value under ``key`` of a table."""
+    return PydanticCustomError("case", "{message}", {"message": message, "key": key, "value": value})
+
+
+class Table(BaseModel):
+    """A table of a case file: every key is known and documented, nothing changes after it was read."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _know_all_keys(cls, data: object) -> object:
+        if isinstance(data, Mapping) and cls.model_config.get("extra") == "forbid":
+            for key in data:
+                if key not in cls.model_fields:
+                    raise problem(f"unknown key{nearest(key, list(cls.model_fields))}", key, data[key])
+        return data
+
+    def unit(self, key: str) -> str | None:
+        """Return the unit of a key, None where it holds no quantity."""
+        return unit_of(type(self).model_fields[key])
+
+
+class Grid(Table):
+    """The box of fluid and its cells."""
+
+    lower: tuple[Length, ...] = Field(description="Lower corner of the box, 2 entries or 3")
+    upper: tuple[Length, ...] = Field(description="Upper corner of the box")
+    cells: tuple[Annotated[int, Field(ge=4)], ...] = Field(
+        description="Cells along each axis, at least 4; the spacing must be the same on all axes"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.lower) not in (2, 3):
+            raise problem("expected 2 or 3 entries", "lower", list(self.lower))
+        for key in ("upper", "cells"):
+            if len(getattr(self, key)) != self.dim:
+                raise problem(f"expected {self.dim} entries as in lower", key, list(getattr(self, key)))
+        if not all(a < b for a, b in zip(self.lower, self.upper, strict=True)):
+            raise problem(
+                f"expected each entry above that of lower, {list(self.lower)}", "upper", list(self.upper)
+            )
+        spacing = [(b - a) / n for a, b, n in zip(self.lower, self.upper, self.cells, strict=True)]
+        if max(spacing) - min(spacing) > 1e-12 * max(spacing):
+            fit = [round((b - a) / spacing[0]) for a, b in zip(self.lower, self.upper, strict=True)]
+            exact = all(
+                abs(n * spacing[0] - b + a) < 1e-9 * b
+                for n, a, b in zip(fit, self.lower, self.upper, strict=True)
+            )
+            hint = f"; {fit} would do" if exact else ""
+            shown = ", ".join(f"{h:.6g}" for h in spacing)
+            raise problem(
+                f"the spacing must be the same on all axes, it is {shown} cm{hint}", "cells", list(self.cells)
+            )
+        return self
+
+    @property
+    def dim(self) -> int:
+        """Number of dimensions."""
+        return len(self.lower)
+
+    @property
+    def h(self) -> float:
+        """Grid spacing [cm]."""
+        return (self.upper[0] - self.lower[0]) / self.cells[0]
+
+
+class Side(Table):
+    """One side of the box."""
+
+    type: Literal["wall", "periodic"] = Field("wall", description='"wall" or "periodic"')
+    velocity: tuple[Velocity, ...] = Field(
+        (), description="Velocity of the fluid on a wall, one entry per dimension; empty for a wall at rest"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.type == "periodic" and self.velocity:
+            raise problem("a periodic side has no velocity; leave it out", "velocity", list(self.velocity))
+        return self
+
+
+class Sides(Table):
+    """The sides of the box, walls at rest where nothing is said; in 3-D also z_lower and z_upper."""
+
+    x_lower: Side = Field(Side(), description="Side at the lower end of x")
+    x_upper: Side = Field(Side(), description="Side at the upper end of x")
+    y_lower: Side = Field(Side(), description="Side at the lower end of y")
+    y_upper: Side = Field(Side(), description="Side at the upper end of y")
+    z_lower: Side = Field(Side(), description="Side at the lower end of z, in three dimensions")
+    z_upper: Side = Field(Side(), description="Side at the upper end of z, in three dimensions")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for axis in "xyz":
+            types = {end: getattr(self, f"{axis}_{end}").type for end in ("lower", "upper")}
+            if len(set(types.values())) == 2:
+                wall = next(end for end, kind in types.items() if kind == "wall")
+                message = 'the opposite side is periodic; both must be "periodic" or both "wall"'
+                raise problem(message, f"{axis}_{wall}.type", "wall")
+        return self
+
+    def periodic(self, axis: int) -> bool:
+        """Whether the box is periodic along an axis."""
+        return getattr(self, SIDES[2 * axis]).type == "periodic"
+
+
+class Fluid(Table):
+    """The fluid; an immersed solid has its density and viscosity too."""
+
+    density: Density = Field(1.0, gt=0, description="Density rho")
+    viscosity: Viscosity = Field(0.01, gt=0, description="Dynamic viscosity mu")
+    sides: Sides = Field(Sides(), description="Sides of the box")
+
+
+class TimeStepping(Table):
+    """Steps and end of the run."""
+
+    dt: Time | None = Field(None, gt=0, description="Time step; or give dt_per_h", examples=["1 ms"])
+    dt_per_h: StepPerSpacing | None = Field(
+        None, gt=0, description="Time step per grid spacing, dt = dt_per_h h", examples=["0.001 s/cm"]
+    )
+    t_end: Time = Field(gt=0, description="End of the run")
+    cfl_max: float = Field(0.5, gt=0, le=1, description="Largest CFL number |u| dt/h that is accepted")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.dt is None) == (self.dt_per_h is None):
+            found = "neither is given" if self.dt is None else "both are given"
+            raise problem(f"give dt or dt_per_h; {found}", "dt", self.dt)
+        return self
+
+    def step(self, h: float) -> float:
+        """Return the time step on a grid of spacing h [s]."""
+        return self.dt if self.dt is not None else self.dt_per_h * h
+
+
+class Mesh(Table):
+    """Where the mesh of a solid comes from: a gmsh file, or a shape that valvefsi meshes."""
+
+    file: str | None = Field(
+        None,
+        description="gmsh file (.msh, in cm), relative to the case file; or give shape",
+        examples=["block.msh"],
+    )
+    shape: Literal["compressed_block", "rectangle", "box"] | None = Field(
+        None, description='"compressed_block", "rectangle" or "box"; or give file'
+    )
+    lower: tuple[Length, ...] = Field((), description="Lower corner of the shape")
+    size: tuple[Annotated[Length, Field(gt=0)], ...] = Field((), description="Edge lengths of the shape")
+    elements: tuple[Annotated[int, Field(ge=1)], ...] = Field((), description="Elements along each edge")
+    cell: Literal["quadrilateral", "triangle", "hexahedron", "tetrahedron"] | None = Field(
+        None,
+        description="Cells: quadrilateral (default) or triangle, in 3-D hexahedron (default) or tetrahedron",
+    )
+    load_width: Length | None = Field(
+        None,
+        gt=0,
+        description="compressed_block only: width of the loaded part of the top",
+        examples=["10 cm"],
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.file is None) == (self.shape is None):
+            found = "neither is given" if self.file is None else "both are given"
+            raise problem(f"give file or shape; {found}", "shape", self.shape)
+        if self.file is not None:
+            return self
+        dim = self.shape_dim
+        for key in ("lower", "size", "elements"):
+            if len(getattr(self, key)) != dim:
+                raise problem(f"a {self.shape} needs {dim} entries", key, list(getattr(self, key)))
+        cells = ("quadrilateral", "triangle") if dim == 2 else ("hexahedron", "tetrahedron")
+        if self.cell not in (None, *cells):
+            raise problem(f"a {self.shape} has cells {cells[0]!r} or {cells[1]!r}", "cell", self.cell)
+        if (self.load_width is not None) != (self.shape == "compressed_block"):
+            found = "needs a" if self.load_width is None else "has no"
+            raise problem(f"a {self.shape} {found} load_width", "load_width", self.load_width)
+        return self
+
+    @property
+    def shape_dim(self) -> int:
+        """Dimension of the shape."""
+        return SHAPES[self.shape][0]
+
+
+class Material(Table):
+    """The material; its parameters stand beside its name."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    model: str = Field(description="Name of the material; its parameters follow")
+    _units: dict[str, str] = PrivateAttr({})
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, data: object) -> object:
+        if not isinstance(data, Mapping) or "model" not in data:
+            return data
+        from valvefsi.case.materials import read_material
+
+        return {"model": data["model"], **read_material(data["model"], data)}
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Parameters by name, in CGS."""
+        return dict(self.model_extra or {})
+
+    def unit(self, key: str) -> str | None:
+        """Return the unit of a parameter."""
+        from valvefsi.case.materials import material_units
+
+        return material_units(self.model).get(key)
+
+
+class Tether(Table):
+    """Springs and dampers that hold a solid where it was, kappa (X - chi) - eta U."""
+
+    on: tuple[str, ...] = Field((), description="Tags of facets it holds; empty for the whole body")
+    components: tuple[Axis, ...] = Field(
+        (), description='Axes it acts along, of "x", "y", "z"; empty for all'
+    )
+    stiffness: float = Field(
+        gt=0, description="Stiffness kappa [dyn/cm^3 on facets, dyn/cm^4 in the whole body]"
+    )
+    damping: float = Field(
+        0.0, ge=0, description="Damping eta [dyn*s/cm^3 on facets, dyn*s/cm^4 in the whole body]"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, data: object) -> object:
+        if not isinstance(data, Mapping):
+            return data
+        read = dict(data)
+        for key, unit in _tether_units(bool(data.get("on"))).items():
+            if key in data:
+                try:
+                    read[key] = Quantity(unit).parse(data[key])
+                except PydanticCustomError as error:
+                    raise problem(error.message(), key, data[key]) from None
+        return read
+
+    def unit(self, key: str) -> str | None:
+        """Return the unit of a key."""
+        return _tether_units(bool(self.on)).get(key)
+
+
+def _tether_units(on_facets: bool) -> dict[str, str]:
+    power = 3 if on_facets else 4
+    return {"stiffness": f"dyn/cm^{power}", "damping": f"dyn*s/cm^{power}"}
+
+
+class Load(Table):
+    """A traction per reference area that keeps its direction."""
+
+    on: tuple[str, ...] = Field(min_length=1, description="Tags of the facets that carry it")
+    traction: tuple[Stress, ...] = Field(description="Traction, one entry per dimension")
+    ramp: Time = Field(0.0, ge=0, description="Time until the load is whole; 0 for at once")
+    ramp_shape: Literal["linear", "smooth"] = Field(
+        "linear", description='"linear" or "smooth" (3 s^2 - 2 s^3)'
+    )
+
+
+class Probe(Table):
+    """A node of the solid whose displacement is in the history."""
+
+    name: Name = Field(description="Name, ends the column names u_x_NAME_cm ...")
+    at: tuple[Length, ...] = Field(description="Reference position; the nearest node is taken")
+
+
+def _off(value: object) -> object:
+    """Read "off" as None."""
+    if value is None or value == "off":
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise problem('expected a number above -1 and below 0.5, or "off"')
+    if not -1 < value < 0.5:
+        near = 0.49 if value > 0 else -0.99
+        raise problem(f'expected a number above -1 and below 0.5, or "off"; a near one is {near}')
+    return value
+
+
+class Solid(Table):
+    """A hyperelastic solid immersed in the fluid."""
+
+    name: Name = Field(description="Name, used for files, in --set and in messages")
+    degree: Literal[1, 2] = Field(1, description="Polynomial degree of the elements, 1 or 2")
+    quadrature_degree: int | None = Field(
+        None,
+        ge=1,
+        le=20,
+        description="Degree the quadrature is exact for; 2 degree + 1 when left out",
+        examples=[3],
+    )
+    kernel: Kernel = Field("bspline3", description="Kernel of the coupling: " + ", ".join(Kernel.__args__))
+    damping: BodyDamping = Field(0.0, ge=0, description="Damping eta of the whole body, force density -eta U")
+    nu_stab: Annotated[float | None, BeforeValidator(_off)] = Field(
+        0.4, description='Numerical Poisson ratio of the volumetric term, above -1 and below 0.5, or "off"'
+    )
+    mesh: Mesh = Field(description="Mesh")
+    material: Material = Field(description="Material")
+    tether: tuple[Tether, ...] = Field((), description="Tethers")
+    load: tuple[Load, ...] = Field((), description="Loads")
+    probe: tuple[Probe, ...] = Field((), description="Probes")
+
+    @property
+    def quadrature(self) -> int:
+        """Quadrature degree in use."""
+        return self.quadrature_degree if self.quadrature_degree is not None else 2 * self.degree + 1
+
+
+class Output(Table):
+    """What is written, and how often."""
+
+    history_every: int = Field(100, ge=1, description="Steps between two rows of history.csv")
+    frames: int = Field(20, ge=0, description="Frames of the ParaView series over the run, 0 for none")
+    checkpoint_every: int = Field(
+        10000, ge=0, description="Steps between two checkpoints, 0 for one at the end"
+    )
+    keep_checkpoints: int = Field(2, ge=1, description="Checkpoints that are kept")
+
+
+class Case(Table):
+    """A case: fluid, solids, time and output."""
+
+    title: str = Field("", description="What this case is")
+    grid: Grid = Field(description="Grid")
+    fluid: Fluid = Field(Fluid(), description="Fluid")
+    time: TimeStepping = Field(description="Time")
+    output: Output = Field(Output(), description="Output")
+    solid: tuple[Solid, ...] = Field((), description="Solids")
+    _file: Path | None = PrivateAttr(None)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        from valvefsi.case.checks import check_case
+
+        try:
+            check_case(self)
+        except CaseError as error:
+            raise problem(error.reason, error.key, error.value) from None
+        return self
+
+    @property
+    def file(self) -> Path | None:
+        """The file it was read from."""
+        return self._file
+
+    @property
+    def dt(self) -> float:
+        """Time step [s]."""
+        return self.time.step(self.grid.h)

@@ -1,0 +1,181 @@
+"""From a TOML file to a case, or to one line that says what is wrong with it."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from valvefsi.case.materials import material_schemas
+from valvefsi.case.models import Case
+from valvefsi.case.overrides import apply_overrides, nearest
+from valvefsi.errors import CaseError
+
+MESSAGES = {
+    "missing": "this key is required",
+    "greater_than": "expected a number greater than {gt:g}",
+    "greater_than_equal": "expected a number of at least {ge:g}",
+    "less_than": "expected a number less than {lt:g}",
+    "less_than_equal": "expected a number of at most {le:g}",
+    "int_type": "expected a whole number",
+    "int_from_float": "expected a whole number",
+    "int_parsing": "expected a whole number",
+    "float_type": "expected a number",
+    "float_parsing": "expected a number",
+    "finite_number": "expected a finite number",
+    "string_type": "expected a string",
+    "string_pattern_mismatch": "expected a letter, then letters, digits or _",
+    "tuple_type": "expected a list",
+    "too_short": "expected at least {min_length} entry",
+    "model_type": "expected a table",
+}
+
+
+def load_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
+    """Read a case file.
+
+    Args:
+        path: The TOML file.
+        overrides: Texts ``a.b=value`` that replace or add values.
+
+    Returns:
+        The case, checked, in CGS.
+
+    Raises:
+        CaseError: One line with file, key, value and the nearest valid choice.
+    """
+    path = Path(path)
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CaseError(f"no such case file{_nearest_file(path, '.toml')}", file=path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaseError(f"cannot read this file: {error}", file=path) from None
+    except tomllib.TOMLDecodeError as error:
+        raise CaseError(f"not TOML: {error}", file=path) from None
+    return parse_case(raw, overrides, file=path)
+
+
+def parse_case(
+    raw: Mapping[str, object],
+    overrides: Sequence[str] = (),
+    *,
+    aliases: Mapping[str, str] | None = None,
+    file: Path | None = None,
+) -> Case:
+    """Make a case of tables, see `load_case`.
+
+    Args:
+        raw: The tables as TOML gives them.
+        overrides: Texts ``a.b=value``.
+        aliases: Short names of keys that overrides may use.
+        file: File for messages; mesh files are relative to its folder.
+
+    Raises:
+        CaseError: Something is wrong with it.
+    """
+    raw = deepcopy(dict(raw))
+    changed = apply_overrides(raw, overrides, aliases)
+    _find_meshes(raw, file, changed)
+    try:
+        case = Case.model_validate(raw)
+    except ValidationError as error:
+        raise _one_line(error, raw, file, changed) from None
+    case._file = file
+    return case
+
+
+def case_schema() -> dict[str, object]:
+    """Return the JSON schema of case files."""
+    schema = Case.model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    material = schema["$defs"]["Material"]
+    schema["$defs"]["Material"] = {
+        "description": material.get("description", ""),
+        "oneOf": material_schemas(),
+    }
+    return schema
+
+
+def _find_meshes(raw: dict[str, object], file: Path | None, changed: Sequence[str]) -> None:
+    """Make the paths of mesh files absolute; refuse one that does not exist."""
+    solids = raw.get("solid")
+    for number, solid in enumerate(solids if isinstance(solids, list) else ()):
+        mesh = solid.get("mesh") if isinstance(solid, dict) else None
+        if not isinstance(mesh, dict) or not isinstance(mesh.get("file"), str):
+            continue
+        path = (file.parent if file else Path()) / mesh["file"]
+        if not path.is_file():
+            key = ("solid", number, "mesh", "file")
+            source = _source(".".join(map(str, key)), file, changed)
+            message = f"no such mesh file{_nearest_file(path, '.msh')}"
+            raise CaseError(message, file=source, key=_shown(key, raw), value=mesh["file"])
+        mesh["file"] = str(path.resolve())
+
+
+def _nearest_file(path: Path, suffix: str) -> str:
+    """Return a hint at the file with the nearest name in the folder of ``path``."""
+    folder = path.parent
+    if not folder.is_dir():
+        return f"; there is no folder {folder}"
+    names = sorted(item.name for item in folder.iterdir() if item.suffix == suffix)
+    near = difflib.get_close_matches(path.name, names, n=1, cutoff=0.0)
+    return f"; did you mean {near[0]!r}?" if near else f"; the folder holds no {suffix} file"
+
+
+def _one_line(
+    error: ValidationError, raw: Mapping[str, object], file: Path | None, changed: Sequence[str]
+) -> CaseError:
+    """Return the first error of a validation as one line."""
+    found = error.errors(include_url=False)
+    first = next((item for item in found if item["type"] == "case"), found[0])
+    context = first.get("ctx") or {}
+    loc = list(first["loc"])
+    value = first["input"] if first["type"] != "missing" else None
+    if first["type"] == "case":
+        extra = context.get("key")
+        loc += [int(part) if part.isdigit() else part for part in extra.split(".")] if extra else []
+        value = context.get("value") if extra else value
+    if isinstance(value, dict):
+        value = None
+    message = first["msg"]
+    if first["type"] == "literal_error":
+        choices = re.findall(r"'([^']*)'|(\d+)", context["expected"])
+        message = _choices(value, ["".join(choice) for choice in choices])
+    elif first["type"] in MESSAGES:
+        message = MESSAGES[first["type"]].format(**context)
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    source = _source(".".join(map(str, loc)), file, changed)
+    return CaseError(" ".join(f"{message}{more}".split()), file=source, key=_shown(loc, raw), value=value)
+
+
+def _choices(value: object, choices: Sequence[str]) -> str:
+    """Return the nearest of the valid choices and the list of them."""
+    near = nearest(value, choices)
+    listed = ", ".join(choices)
+    return f"expected one of {listed}{near}" if "mean" in near else f"expected one of {listed}"
+
+
+def _source(key: str, file: Path | None, changed: Sequence[str]) -> object:
+    """Return where a value was given: on the command line or in the file."""
+    related = (c for c in changed if c == key or key.startswith(f"{c}."))
+    return "--set" if any(related) else file
+
+
+def _shown(loc: Sequence[object], raw: Mapping[str, object]) -> str:
+    """Return a path of keys with the names of list items where they have one."""
+    place: object = raw
+    parts = []
+    for part in loc:
+        try:
+            place = place[part]
+        except (KeyError, IndexError, TypeError):
+            place = None
+        name = place.get("name") if isinstance(part, int) and isinstance(place, dict) else None
+        parts.append(str(name if isinstance(name, str) else part))
+    return ".".join(parts)

@@ -1,0 +1,120 @@
+"""From a case to TOML: the resolved case of a run, and the commented case with every key."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from pydantic.fields import FieldInfo
+
+from valvefsi.case.models import SIDES, Case, Material, Table
+
+EXAMPLE: dict[str, Any] = {
+    "title": "compressed block in a box of fluid",
+    "grid": {"lower": ["0 cm", "0 cm"], "upper": ["40 cm", "40 cm"], "cells": [64, 64]},
+    "fluid": {"sides": {name: {"velocity": [0, 0]} for name in SIDES[:4]}},
+    "time": {"dt_per_h": "0.001 s/cm", "t_end": "30 s"},
+    "solid": [
+        {
+            "name": "block",
+            "damping": "4 dyn*s/cm^4",
+            "mesh": {
+                "shape": "compressed_block",
+                "lower": ["10 cm", "15 cm"],
+                "size": ["20 cm", "10 cm"],
+                "elements": [32, 16],
+                "cell": "quadrilateral",
+                "load_width": "10 cm",
+            },
+            "material": {"model": "neo_hookean", "c1": "80.194 dyn/cm^2"},
+            "tether": [{"on": ["bottom"], "components": ["y"], "stiffness": "1e5 dyn/cm^3"}],
+            "load": [{"on": ["top_loaded"], "traction": [0, "-200 dyn/cm^2"], "ramp": "12 s"}],
+            "probe": [{"name": "top_centre", "at": ["20 cm", "25 cm"]}],
+        }
+    ],
+}
+"""The case that `case_defaults` prints; what it leaves out has its default."""
+
+
+def to_dict(case: Case) -> dict[str, Any]:
+    """Return a case as plain tables of CGS numbers, without the keys that are not given and have no default."""
+    return _prune(case.model_dump(mode="json"))
+
+
+def to_toml(case: Case) -> str:
+    """Return a case as TOML that reads back as the same case, every number with its unit."""
+    return "\n".join(_table(case, (), comments=False)).strip() + "\n"
+
+
+def case_defaults() -> str:
+    """Return a whole case as commented TOML: every key with its description, unit and default."""
+    head = [
+        "# A case of valvefsi. Numbers may carry any unit of the right dimension; plain numbers are CGS.",
+        "# Keys that are commented out are alternatives or have a value worked out from others.",
+        "",
+    ]
+    return "\n".join([*head, *_table(Case.model_validate(EXAMPLE), (), comments=True)]).strip() + "\n"
+
+
+def _prune(value: Any) -> Any:
+    """Leave out None, except that nu_stab = None is "off"."""
+    if isinstance(value, dict):
+        named = {k: "off" if k == "nu_stab" and v is None else v for k, v in value.items()}
+        return {k: _prune(v) for k, v in named.items() if v is not None}
+    return [_prune(item) for item in value] if isinstance(value, list) else value
+
+
+def _table(table: Table, path: tuple[str, ...], *, comments: bool) -> list[str]:
+    """Return the lines of a table: its values first, then the tables in it."""
+    lines, inner = [], []
+    for key, field in type(table).model_fields.items():
+        value = getattr(table, key)
+        if isinstance(value, Table):
+            if key not in SIDES or key in table.model_fields_set:
+                inner += _section(value, (*path, key), "[{}]", comments)
+        elif isinstance(value, tuple) and value and isinstance(value[0], Table):
+            for item in value:
+                inner += _section(item, (*path, key), "[[{}]]", comments)
+        elif comments or value not in (None, ()) or key == "nu_stab":
+            lines += [_comment(table, key, field)] if comments else []
+            lines.append(_line(table, key, field, value))
+    if isinstance(table, Material):
+        for key, value in table.parameters.items():
+            lines += [f"# Parameter of {table.model} [{table.unit(key)}]"] if comments else []
+            lines.append(f"{key} = {_text(value, table.unit(key))}")
+    return lines + inner
+
+
+def _section(table: Table, path: tuple[str, ...], heading: str, comments: bool) -> list[str]:
+    """Return the lines of a table with its heading."""
+    about = [f"# {type(table).__doc__.splitlines()[0]}"] if comments else []
+    return ["", *about, heading.format(".".join(path)), *_table(table, path, comments=comments)]
+
+
+def _line(table: Table, key: str, field: FieldInfo, value: object) -> str:
+    if value is None and key == "nu_stab":
+        return 'nu_stab = "off"'
+    if value is None:
+        return f"# {key} = {_text((field.examples or [''])[0], None)}"
+    return f"{key} = {_text(value, table.unit(key))}"
+
+
+def _comment(table: Table, key: str, field: FieldInfo) -> str:
+    unit = table.unit(key)
+    default = "required" if field.is_required() else f"default {_text(field.default, unit)}"
+    unit = f" [{unit}]" if unit and "[" not in field.description else ""
+    return (
+        f"# {field.description}{unit}; {default}"
+        if field.default is not None
+        else f"# {field.description}{unit}"
+    )
+
+
+def _text(value: object, unit: str | None) -> str:
+    """Return a value as TOML, a quantity with its unit."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_text(item, unit) for item in value)}]"
+    if unit is not None and isinstance(value, float):
+        short = f"{value:g}"
+        return json.dumps(f"{short if float(short) == value else repr(value)} {unit}")
+    return json.dumps(value)

@@ -1,0 +1,190 @@
+"""What a run leaves behind: history, ParaView series, checkpoints, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi import diagnostics
+from valvefsi.fsi import Model, State
+from valvefsi.grid import Array
+from valvefsi.io import checkpoint
+from valvefsi.io.history import History
+from valvefsi.io.paraview import FluidSeries, SolidSeries
+
+
+@dataclass(frozen=True, kw_only=True)
+class Probe:
+    """A node whose displacement the history follows.
+
+    Attributes:
+        name: Name in the columns.
+        solid: Index of the solid.
+        at: Reference position; the nearest node is followed, ``(2,)`` or ``(3,)`` [cm].
+    """
+
+    name: str
+    solid: int
+    at: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """What is written, where and how often.
+
+    Attributes:
+        directory: Folder of the run.
+        history_every: Steps between rows of the history, and between the checks that need all elements.
+        frames: Number of ParaView frames over the whole run, 0 for none.
+        checkpoint_every: Steps between checkpoints, 0 for one at the end only.
+        keep_checkpoints: Number of checkpoints to keep.
+        probes: Nodes to follow.
+        provenance: What is kept with every checkpoint.
+    """
+
+    directory: Path
+    history_every: int = 100
+    frames: int = 0
+    checkpoint_every: int = 0
+    keep_checkpoints: int = 2
+    probes: tuple[Probe, ...] = ()
+    provenance: Mapping[str, object] = field(default_factory=dict)
+
+
+def save_state(model: Model, state: State, output: Output) -> Path:
+    """Write a checkpoint of a state. Collective."""
+    grid = model.grid
+    fields = {"p": checkpoint.Block(grid_part(state.p, grid.owned), grid.start, grid.cells)}
+    for d in range(grid.dim):
+        owned = grid.owned_faces(d)
+        for name, faces in (("u", state.u), ("N", state.N)):
+            fields[f"{name}{d}"] = checkpoint.Block(
+                grid_part(faces[d], owned), grid.start, grid.face_shape(d)
+            )
+    rows = {
+        f"chi_{k}_{solid.name}": checkpoint.Rows(chi, solid.ids, solid.num_nodes)
+        for k, (solid, chi) in enumerate(zip(model.solids, state.chi, strict=True))
+    }
+    meta = {"t": state.t, "step": state.step, "dt": state.dt, "provenance": dict(output.provenance)}
+    folder = output.directory / "checkpoints"
+    return checkpoint.save(folder, state.step, fields, rows, meta, grid.comm, keep=output.keep_checkpoints)
+
+
+def load_state(model: Model, output: Output) -> State | None:
+    """Read the newest whole checkpoint, None where there is none. Collective."""
+    grid = model.grid
+    places = {"p": grid.owned}
+    for d in range(grid.dim):
+        places |= {f"u{d}": grid.owned_faces(d), f"N{d}": grid.owned_faces(d)}
+    request = {
+        name: (grid.start, tuple(s.stop - s.start for s in place)) for name, place in places.items()
+    }
+    names = [f"chi_{k}_{solid.name}" for k, solid in enumerate(model.solids)]
+    rows = {name: solid.ids for name, solid in zip(names, model.solids, strict=True)}
+    found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm)
+    if found is None:
+        return None
+    meta, fields, points = found
+    arrays = {name: grid.zeros() for name in places}
+    for name, place in places.items():
+        arrays[name][place] = fields[name]
+    u = tuple(arrays[f"u{d}"] for d in range(grid.dim))
+    grid.exchange((arrays["p"],), width=1)
+    return State(
+        t=meta["t"],
+        step=meta["step"],
+        dt=meta["dt"],
+        u=model.fluid.fill(u, meta["t"]),
+        p=arrays["p"],
+        N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),
+        chi=tuple(points[name] for name in names),
+    )
+
+
+def grid_part(array: Array, place: tuple[slice, ...]) -> Array:
+    """Contiguous copy of a part of a local array."""
+    return np.ascontiguousarray(array[place])
+
+
+class Recorder:
+    """Writes history and ParaView series of a run, new or continued.
+
+    Args:
+        model: The model.
+        output: What to write.
+        resume: State that the run goes on from, None for a new run.
+
+    Note:
+        Collective.
+    """
+
+    def __init__(self, model: Model, output: Output, resume: State | None = None) -> None:
+        self.model, self.output = model, output
+        grid, comm = model.grid, model.grid.comm
+        self.probes = [
+            (p, model.solids[p.solid], model.solids[p.solid].node_at(p.at)) for p in output.probes
+        ]
+        self.start = [solid.position_of(node, solid.X) for _, solid, node in self.probes]
+        columns = ["step", "t_s", "courant", "kinetic_energy_erg"]
+        self.measure = "area" if grid.dim == 2 else "volume"
+        for solid in model.solids:
+            columns += [f"{solid.name}_{self.measure}_change_percent", f"{solid.name}_J_min", f"{solid.name}_J_max"]
+        for probe, _, _ in self.probes:
+            columns += [f"u_{axis}_{probe.name}_cm" for axis in "xyz"[: grid.dim]]
+        self.history = History(
+            output.directory / "history.csv", columns, comm, resume.step if resume else None
+        )
+        time = resume.t if resume else None
+        self.fluid_series = self.solid_series = None
+        if output.frames:
+            folder = output.directory / "paraview"
+            box = (grid.lower, grid.spacing)
+            self.fluid_series = FluidSeries(
+                folder, "fluid", comm, grid.cells, grid.start, grid.size, box, resume_time=time
+            )
+            self.solid_series = [SolidSeries(folder, s.name, comm, resume_time=time) for s in model.solids]
+
+    def row(self, state: State) -> dict[str, float]:
+        """Return one row of the history: Courant number, energy, volume change, J, displacements. Collective."""
+        grid, comm = self.model.grid, self.model.grid.comm
+        rate = comm.allreduce(diagnostics.local_courant_rate(grid, state.u), op=MPI.MAX)
+        row = {
+            "step": state.step,
+            "t_s": state.t,
+            "courant": rate * state.dt,
+            "kinetic_energy_erg": diagnostics.kinetic_energy(grid, state.u, self.model.fluid.rho),
+        }
+        for solid, chi in zip(self.model.solids, state.chi, strict=True):
+            J = solid.jacobian(chi)
+            extremes = np.array([-J.min(initial=np.inf), J.max(initial=-np.inf)])
+            comm.Allreduce(MPI.IN_PLACE, extremes, op=MPI.MAX)
+            change = solid.volume(chi) / solid.reference_volume - 1.0
+            row |= {
+                f"{solid.name}_{self.measure}_change_percent": 100.0 * change,
+                f"{solid.name}_J_min": -extremes[0],
+                f"{solid.name}_J_max": extremes[1],
+            }
+        for (probe, solid, node), start in zip(self.probes, self.start, strict=True):
+            chi = state.chi[probe.solid]
+            shift = solid.position_of(node, chi) - start
+            row |= {f"u_{axis}_{probe.name}_cm": shift[a] for a, axis in enumerate("xyz"[: grid.dim])}
+        return row
+
+    def frame(self, state: State) -> None:
+        """Write one time of the ParaView series. Collective."""
+        if self.fluid_series is None:
+            return
+        grid = self.model.grid
+        velocity = diagnostics.cell_velocity(grid, state.u)
+        self.fluid_series.write(state.t, velocity, grid_part(state.p, grid.owned))
+        for series, solid, chi in zip(self.solid_series, self.model.solids, state.chi, strict=True):
+            now, first = solid.cells_on_root(chi), solid.cells_on_root(solid.X)
+            if now is None:
+                series.write(state.t, None, None, None, None)
+            else:
+                points, cells, J = now
+                series.write(state.t, points, cells, J, points - first[0])

@@ -1,0 +1,270 @@
+"""The time loop: step size, health checks, history, checkpoints, output."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import signal
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi import diagnostics, fsi
+from valvefsi.errors import CaseError, StabilityError, Stopped
+from valvefsi.fsi import Model, State
+from valvefsi.recording import Output, Recorder, load_state, save_state
+
+Progress = Callable[[int, float, float, dict[str, float]], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """The steps of a run.
+
+    Attributes:
+        dt: Length of a step [s].
+        t_end: End of the run [s].
+        cfl_max: Largest Courant number ``|u| dt / h`` that is accepted.
+    """
+
+    dt: float
+    t_end: float
+    cfl_max: float = 0.5
+
+    @property
+    def num_steps(self) -> int:
+        """Number of steps from 0 to the end, rounded to a whole one."""
+        return max(1, round(self.t_end / self.dt))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a run ends with.
+
+    Attributes:
+        state: The last state.
+        steps: Steps taken in this run, without those before a restart.
+        wall_s: Wall-clock time of these steps [s].
+        phases: Wall-clock time on rank 0 by phase [s].
+    """
+
+    state: State
+    steps: int
+    wall_s: float
+    phases: dict[str, float] = field(default_factory=dict)
+
+
+class Simulation:
+    """A coupled run from a model to files.
+
+    Args:
+        model: The model.
+        schedule: The steps.
+        output: What is written.
+        initial: State at t = 0; the fluid at rest by default.
+    """
+
+    def __init__(
+        self, model: Model, schedule: Schedule, output: Output, initial: State | None = None
+    ) -> None:
+        self.model, self.schedule, self.output = model, schedule, output
+        self.initial = initial
+        self.phases: dict[str, float] = defaultdict(float)
+
+    def run(self, *, resume: bool = False, progress: Progress | None = None) -> Outcome:
+        """Run to the end, or until something is wrong.
+
+        Args:
+            resume: Whether to go on from the newest whole checkpoint in the output folder.
+            progress: Called with step, time, end and the newest row of the history.
+
+        Raises:
+            CaseError: There is no checkpoint to resume from.
+            StabilityError: A velocity is not finite, the Courant number is too large, an element is inverted, or
+                a node is lost; the last good state has been written.
+            Stopped: SIGTERM or SIGINT arrived; a checkpoint has been written.
+
+        Note:
+            Collective.
+        """
+        state = self._first_state(resume)
+        recorder = Recorder(self.model, self.output, state if resume else None)
+        if not resume:
+            self._record(recorder, state)
+        started, first = time.perf_counter(), state.step
+        with _signals() as received:
+            state = self._march(state, recorder, received, progress)
+        wall = time.perf_counter() - started
+        with self._clock("output"):
+            save_state(self.model, state, self.output)
+        return Outcome(state=state, steps=state.step - first, wall_s=wall, phases=dict(self.phases))
+
+    def _first_state(self, resume: bool) -> State:
+        if not resume:
+            return self.initial or fsi.initial_state(self.model, self.schedule.dt)
+        state = load_state(self.model, self.output)
+        if state is None:
+            folder = self.output.directory / "checkpoints"
+            raise CaseError("there is no whole checkpoint to resume from", file=folder)
+        return state
+
+    def _march(
+        self, state: State, recorder: Recorder, received: list[int], progress: Progress | None
+    ) -> State:
+        model, dt, last = timed(self.model, self.phases), self.schedule.dt, self.schedule.num_steps
+        good, row = state, {}
+        while state.step < last:
+            try:
+                new = fsi.step(model, state, dt)
+                stop = self._check(new, received)
+                if self._due(new):
+                    row = self._record(recorder, new)
+                    good = new
+            except StabilityError as error:
+                raise self._explained(error, good) from None
+            state = new
+            if progress is not None:
+                progress(state.step, state.t, self.schedule.t_end, row)
+            if stop or self._checkpoint_due(state):
+                with self._clock("output"):
+                    path = save_state(model, state, self.output)
+                if stop:
+                    raise Stopped(
+                        f"stopped at step {state.step}, t = {state.t:.6g} s; {path} is written, "
+                        "--resume goes on from there",
+                        stop,
+                    )
+        return state
+
+    def _due(self, state: State) -> bool:
+        every, last = self.output.history_every, self.schedule.num_steps
+        return state.step % every == 0 or state.step == last or self._frame_due(state.step)
+
+    def _frame_due(self, step: int) -> bool:
+        frames, last = self.output.frames, self.schedule.num_steps
+        return bool(frames) and (step * frames) // last != ((step - 1) * frames) // last
+
+    def _checkpoint_due(self, state: State) -> bool:
+        every = self.output.checkpoint_every
+        return bool(every) and state.step % every == 0 and state.step < self.schedule.num_steps
+
+    def _record(self, recorder: Recorder, state: State) -> dict[str, float]:
+        """Write a row of the history, and a frame where one is due; check the elements first."""
+        with self._clock("output"):
+            row = recorder.row(state)
+            self._check_elements(row, state)
+            every = self.output.history_every
+            if state.step % every == 0 or state.step == self.schedule.num_steps:
+                recorder.history.append(row)
+            if state.step == 0 or self._frame_due(state.step):
+                recorder.frame(state)
+        return row
+
+    def _check(self, state: State, received: list[int]) -> int:
+        """Raise where the velocity is out of bounds; return the signal that any rank has received, or 0."""
+        local = diagnostics.local_courant_rate(self.model.grid, state.u)
+        values = np.array([local * state.dt, received[-1] if received else 0.0])
+        with self._clock("checks"):
+            self.model.grid.comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
+        courant, stop = values
+        if not courant <= self.schedule.cfl_max:
+            speed, place = diagnostics.fastest_place(self.model.grid, state.u)
+            where = f"at {_place(place, self.model.grid.dim)}, t = {state.t:.6g} s (step {state.step})"
+            if not math.isfinite(courant):
+                raise StabilityError(
+                    f"the velocity is not finite {where}; try a smaller time step or a longer ramp"
+                )
+            raise StabilityError(
+                f"the Courant number is {courant:.3g} > {self.schedule.cfl_max:g} {where}, |u| = {speed:.3g} cm/s; "
+                "try a smaller time step"
+            )
+        return int(stop)
+
+    def _check_elements(self, row: dict[str, float], state: State) -> None:
+        for solid in self.model.solids:
+            smallest = row[f"{solid.name}_J_min"]
+            if not smallest > 0.0:
+                raise StabilityError(
+                    f"an element of {solid.name} is inverted, J = {smallest:.3g}, at t = {state.t:.6g} s "
+                    f"(step {state.step}); try a smaller time step, a finer mesh or a larger nu_stab"
+                )
+
+    def _explained(self, error: StabilityError, good: State) -> StabilityError:
+        path = save_state(self.model, good, self.output)
+        return StabilityError(f"{error}. The last good state, t = {good.t:.6g} s, is in {path}")
+
+    @contextlib.contextmanager
+    def _clock(self, phase: str) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        self.phases[phase] += time.perf_counter() - started
+
+
+def _place(place: np.ndarray, dim: int) -> str:
+    return "(" + ", ".join(f"{x:.4g}" for x in place[:dim]) + ") cm"
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[list[int]]:
+    """Collect SIGTERM and SIGINT in a list instead of letting them end the process."""
+    received: list[int] = []
+    old = {}
+    try:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            old[number] = signal.signal(number, lambda n, _: received.append(n))
+    except ValueError:  # not the main thread: leave signals alone
+        pass
+    try:
+        yield received
+    finally:
+        for number, handler in old.items():
+            signal.signal(number, handler)
+
+
+class Timed:
+    """Stands for an object and adds the time of some of its methods to a table."""
+
+    def __init__(self, inner: object, table: dict[str, float], methods: dict[str, str]) -> None:
+        self._inner = inner
+        for method, phase in methods.items():
+            setattr(self, method, self._wrap(getattr(inner, method), table, phase))
+
+    @staticmethod
+    def _wrap(function: Callable, table: dict[str, float], phase: str) -> Callable:
+        def timed_call(*args: object, **options: object) -> object:
+            started = time.perf_counter()
+            result = function(*args, **options)
+            table[phase] += time.perf_counter() - started
+            return result
+
+        return timed_call
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._inner, name)
+
+
+class TimedCoupling(Timed):
+    def __init__(self, inner: object, table: dict[str, float]) -> None:
+        super().__init__(inner, table, {})
+        prepare = self._wrap(inner.at, table, "kernel weights")
+        methods = {"spread": "spread", "interpolate": "interpolate"}
+        self.at = lambda chi: Timed(prepare(chi), table, methods)
+
+
+def timed(model: Model, table: dict[str, float]) -> Model:
+    """Return the model with a clock around its parts, so that the step itself needs none.
+
+    Args:
+        model: The model.
+        table: Wall-clock time by phase, added to [s].
+    """
+    return Model(
+        grid=model.grid,
+        fluid=Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"}),
+        solids=tuple(Timed(s, table, {"force": "elastic force"}) for s in model.solids),
+        couplings=tuple(TimedCoupling(c, table) for c in model.couplings),
+    )
