@@ -52,8 +52,6 @@ def cell_velocity(grid: MacGrid, u: Faces) -> Array:
     """Velocity in the owned cells, the mean of each pair of faces, ``(n0, n1, n2, 3)`` [cm/s]."""
     out = np.zeros((*grid.size, 3))
     for d, c in enumerate(u):
-        upper = tuple(
-            slice(s.start + int(a == d), s.stop + int(a == d)) for a, s in enumerate(grid.owned)
-        )
+        upper = tuple(slice(s.start + int(a == d), s.stop + int(a == d)) for a, s in enumerate(grid.owned))
         out[..., d] = 0.5 * (c[grid.owned] + c[upper])
     return out

@@ -34,11 +34,11 @@ if np.dtype(PETSc.ScalarType).kind == "c":
     )
 
 JIT_OPTIONS: dict[str, object] = {"cffi_extra_compile_args": ["-O2", "-g0"], "timeout": 300}
-"""Options of the C compiler for the forms; the timeout [s] is of the wait for a process compiling the same form.
+"""Options of the C compiler for the forms; the timeout [s] is of the wait for another process' compilation.
 
-Measured on nodal forces of 512 Q1 cells: -O3, -march=native and -fno-math-errno change nothing (120 to 125 us).
-The cached object files may be read on another machine, hence no -march; an inverted cell must become NaN, hence no
--ffast-math.
+Measured on nodal forces of 512 Q1 cells: -O3, -march=native and -fno-math-errno gain nothing (120 to 125 us).
+The cached object files may be read on another machine, hence no -march; an inverted cell must become NaN,
+hence no -ffast-math.
 """
 
 
@@ -91,7 +91,7 @@ def create_vector(space: fem.FunctionSpace) -> PETSc.Vec:
 
 
 def vtk_cells(space: fem.FunctionSpace) -> tuple[int, NDArray[np.int32]]:
-    """Return VTK's cell type of ``space`` and the local nodes ``(num_cells, k)`` of owned cells in VTK's order."""
+    """Return VTK's cell type, and the local nodes ``(num_cells, k)`` of owned cells in VTK's order."""
     mesh = space.mesh
     if mesh.topology.index_map(mesh.topology.dim).size_local == 0:
         return 0, np.zeros((0, space.dofmap.dof_layout.num_dofs), dtype=np.int32)

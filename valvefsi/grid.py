@@ -79,11 +79,12 @@ class MacGrid:
         if n0 * n1 != self.comm.size:
             raise ValueError(f"a process grid of {n0} x {n1} does not make {self.comm.size} ranks")
         if any(n // p < min(GHOSTS, n) for n, p in zip(self.cells, (n0, n1), strict=False)):
-            raise ValueError(f"{self.comm.size} ranks are too many for a grid of {self.cells[: self.dim]} cells")
+            raise ValueError(
+                f"{self.comm.size} ranks are too many for a grid of {self.cells[: self.dim]} cells"
+            )
         self.position = divmod(self.comm.rank, n1)
         self.starts = tuple(
-            np.array([n * r // p for r in range(p + 1)])
-            for n, p in zip(self.cells, (n0, n1, 1), strict=True)
+            np.array([n * r // p for r in range(p + 1)]) for n, p in zip(self.cells, (n0, n1, 1), strict=True)
         )
         place = (*self.position, 0)
         self.start = tuple(int(s[r]) for s, r in zip(self.starts, place, strict=True))
@@ -109,9 +110,7 @@ class MacGrid:
     def unknown_faces(self, d: int) -> tuple[slice, slice, slice]:
         """Slices of the owned faces of component d that are not on a side: the unknowns of the momentum equation."""
         skip = int(self.is_first[d] and not self.periodic[d])
-        return tuple(
-            slice(s.start + (skip if axis == d else 0), s.stop) for axis, s in enumerate(self.owned)
-        )
+        return tuple(slice(s.start + (skip if axis == d else 0), s.stop) for axis, s in enumerate(self.owned))
 
     def face_shape(self, d: int) -> tuple[int, int, int]:
         """Global number of faces of component d along each axis."""

@@ -80,9 +80,7 @@ def load_state(model: Model, output: Output) -> State | None:
     places = {"p": grid.owned}
     for d in range(grid.dim):
         places |= {f"u{d}": grid.owned_faces(d), f"N{d}": grid.owned_faces(d)}
-    request = {
-        name: (grid.start, tuple(s.stop - s.start for s in place)) for name, place in places.items()
-    }
+    request = {name: (grid.start, tuple(s.stop - s.start for s in place)) for name, place in places.items()}
     names = [f"chi_{k}_{solid.name}" for k, solid in enumerate(model.solids)]
     rows = {name: solid.ids for name, solid in zip(names, model.solids, strict=True)}
     found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm)
@@ -125,14 +123,16 @@ class Recorder:
     def __init__(self, model: Model, output: Output, resume: State | None = None) -> None:
         self.model, self.output = model, output
         grid, comm = model.grid, model.grid.comm
-        self.probes = [
-            (p, model.solids[p.solid], model.solids[p.solid].node_at(p.at)) for p in output.probes
-        ]
+        self.probes = [(p, model.solids[p.solid], model.solids[p.solid].node_at(p.at)) for p in output.probes]
         self.start = [solid.position_of(node, solid.X) for _, solid, node in self.probes]
         columns = ["step", "t_s", "courant", "kinetic_energy_erg"]
         self.measure = "area" if grid.dim == 2 else "volume"
         for solid in model.solids:
-            columns += [f"{solid.name}_{self.measure}_change_percent", f"{solid.name}_J_min", f"{solid.name}_J_max"]
+            columns += [
+                f"{solid.name}_{self.measure}_change_percent",
+                f"{solid.name}_J_min",
+                f"{solid.name}_J_max",
+            ]
         for probe, _, _ in self.probes:
             columns += [f"u_{axis}_{probe.name}_cm" for axis in "xyz"[: grid.dim]]
         self.history = History(

@@ -7,7 +7,7 @@ import math
 import signal
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +16,8 @@ from mpi4py import MPI
 from valvefsi import diagnostics, fsi
 from valvefsi.errors import CaseError, StabilityError, Stopped
 from valvefsi.fsi import Model, State
+from valvefsi.grid import MacGrid
+from valvefsi.pictures import draw
 from valvefsi.recording import Output, Recorder, load_state, save_state
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
@@ -56,6 +58,17 @@ class Outcome:
     steps: int
     wall_s: float
     phases: dict[str, float] = field(default_factory=dict)
+
+    def timing(self, grid: MacGrid) -> dict[str, object]:
+        """Steps, cells, wall-clock time, cell steps per second and phases, as in ``result.json``."""
+        cells = math.prod(grid.cells)
+        return {
+            "steps": self.steps,
+            "cells": cells,
+            "wall_s": self.wall_s,
+            "cell_steps_per_s": cells * self.steps / self.wall_s,
+            "phases": self.phases,
+        }
 
 
 class Simulation:
@@ -102,6 +115,24 @@ class Simulation:
         with self._clock("output"):
             save_state(self.model, state, self.output)
         return Outcome(state=state, steps=state.step - first, wall_s=wall, phases=dict(self.phases))
+
+    def pictures(
+        self, state: State, title: str = "", references: Mapping[str, tuple[str, float]] | None = None
+    ) -> dict[str, float]:
+        """Draw the histories and, in two dimensions, the solids over the flow.
+
+        Args:
+            state: The last state.
+            title: Heading of the pictures.
+            references: Line and its value in the plot of a column of the history, by column.
+
+        Returns:
+            The last row of the history.
+
+        Note:
+            Collective.
+        """
+        return draw(self.model, state, self.output, title, references or {})
 
     def _first_state(self, resume: bool) -> State:
         if not resume:

@@ -95,9 +95,7 @@ def _measure(n: int, dim: int, steps: int, parameters: dict[str, float], comm: M
     after_pair = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     grid = MacGrid([0.0] * dim, [1.0] * dim, [n] * dim, [False] * (dim - 1) + [True], comm)
     lid = Wall(velocity=(0.0,) + (1.0,) * (dim - 1))
-    fluid = NavierStokes(
-        grid, Boundary(grid, {"x_upper": lid}), rho=parameters["rho"], mu=parameters["mu"]
-    )
+    fluid = NavierStokes(grid, Boundary(grid, {"x_upper": lid}), rho=parameters["rho"], mu=parameters["mu"])
     phases: dict[str, float] = defaultdict(float)
     clocked = _clock(fluid, phases)
     dt = parameters["cfl"] / n

@@ -118,7 +118,7 @@ class Side(Table):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.type == "periodic" and self.velocity:
+        if self.type == "periodic" and any(self.velocity):
             raise problem("a periodic side has no velocity; leave it out", "velocity", list(self.velocity))
         return self
 

@@ -53,7 +53,7 @@ def load_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
     try:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise CaseError(f"no such case file{_nearest_file(path, '.toml')}", file=path) from None
+        raise CaseError(f"no such case file{_nearest_file(path, '.toml', 0.5)}", file=path) from None
     except (OSError, UnicodeDecodeError) as error:
         raise CaseError(f"cannot read this file: {error}", file=path) from None
     except tomllib.TOMLDecodeError as error:
@@ -118,14 +118,15 @@ def _find_meshes(raw: dict[str, object], file: Path | None, changed: Sequence[st
         mesh["file"] = str(path.resolve())
 
 
-def _nearest_file(path: Path, suffix: str) -> str:
+def _nearest_file(path: Path, suffix: str, cutoff: float = 0.0) -> str:
     """Return a hint at the file with the nearest name in the folder of ``path``."""
     folder = path.parent
     if not folder.is_dir():
         return f"; there is no folder {folder}"
     names = sorted(item.name for item in folder.iterdir() if item.suffix == suffix)
-    near = difflib.get_close_matches(path.name, names, n=1, cutoff=0.0)
-    return f"; did you mean {near[0]!r}?" if near else f"; the folder holds no {suffix} file"
+    near = difflib.get_close_matches(path.name, names, n=1, cutoff=cutoff)
+    none = "" if names else f"; the folder holds no {suffix} file"
+    return f"; did you mean {near[0]!r}?" if near else none
 
 
 def _one_line(

@@ -37,7 +37,7 @@ EXAMPLE: dict[str, Any] = {
 
 
 def to_dict(case: Case) -> dict[str, Any]:
-    """Return a case as plain tables of CGS numbers, without the keys that are not given and have no default."""
+    """Return a case as plain tables of CGS numbers, without keys that hold nothing."""
     return _prune(case.model_dump(mode="json"))
 
 

@@ -97,7 +97,9 @@ class Transfer:
     def __init__(self, coupling: Coupling, place: Array | None, count: int, problem: str | None) -> None:
         self.coupling, self.count = coupling, count
         comm = coupling.grid.comm
-        self.route = Route(comm, coupling.owners(place) if place is not None else None) if comm.size > 1 else None
+        self.route = (
+            Route(comm, coupling.owners(place) if place is not None else None) if comm.size > 1 else None
+        )
         failed = self.route.failed if self.route else problem is not None
         if failed:
             raise StabilityError(_first_problem(comm, problem))

@@ -184,9 +184,7 @@ class Transpose:
         sent = [np.ascontiguousarray(x[_at(split, piece)]).ravel() for piece in pieces]
         counts = [rest * shape[split] * (place.stop - place.start) for place in places]
         received = np.empty(sum(counts))
-        self.comm.Alltoallv(
-            (np.concatenate(sent), [s.size for s in sent]), (received, counts)
-        )
+        self.comm.Alltoallv((np.concatenate(sent), [s.size for s in sent]), (received, counts))
         offset = 0
         for place, count in zip(places, counts, strict=True):
             target = out[_at(join, place)]

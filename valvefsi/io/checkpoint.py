@@ -113,7 +113,9 @@ def save(
     try:
         if comm.rank == 0:
             temporary.replace(path)
-            _sync_folder(path.parent)
+            folder = os.open(path.parent, os.O_RDONLY)
+            os.fsync(folder)  # the new name must be on the disk too before an older file goes
+            os.close(folder)
             _remove_old(path, keep)
     except OSError as failure:
         error = failure
@@ -285,14 +287,6 @@ def _write(
     if comm.rank == 0 and error is not None:
         path.unlink(missing_ok=True)
     raise_together(comm, error)
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _remove_old(path: Path, keep: int) -> None:

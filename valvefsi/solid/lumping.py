@@ -25,9 +25,9 @@ def lumped_weights(
 ) -> tuple[NDArray[np.float64], float]:
     """Integrate the shape functions over tagged facets or cells.
 
-    Degree 1, or ``positive`` off: w_k = integral phi_k, consistent with a constant traction. Degree 2: the diagonal
-    of the mass matrix scaled to the same total (Hinton, Rock and Zienkiewicz 1976), because integral phi_k is zero
-    or negative at the vertices of simplices.
+    Degree 1, or ``positive`` off: w_k = integral phi_k, consistent with a constant traction. Degree 2: the
+    diagonal of the mass matrix scaled to the same total (Hinton, Rock and Zienkiewicz 1976), because integral
+    phi_k is zero or negative at the vertices of simplices.
 
     Args:
         space: Vector Lagrange space of the solid.
@@ -36,8 +36,8 @@ def lumped_weights(
         positive: Whether the weights must be positive.
 
     Returns:
-        Weights of the owned nodes ``(n,)`` and their total over all ranks: an area or a volume, in two dimensions
-        a length or an area.
+        Weights of the owned nodes ``(n,)`` and their total over all ranks: an area or a volume, in two
+        dimensions a length or an area.
 
     Raises:
         CaseError: A tag is unknown, or no cell or outer facet carries it.

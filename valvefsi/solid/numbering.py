@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 def number_nodes(X: NDArray[np.float64], comm: MPI.Comm) -> NDArray[np.int64]:
     """Number nodes by their reference positions in lexicographic order of (x, y, z).
 
-    Coordinates are first replaced by their place among the distinct values of an axis, where values nearer than
-    1e-10 of the body's size count as one: round-off, which depends on the partition, cannot change the order.
+    Coordinates are first replaced by their place among the distinct values of an axis, where values nearer
+    than 1e-10 of the body's size count as one: round-off, which depends on the partition, cannot change the
+    order.
 
     Args:
         X: Reference positions of this rank's nodes, each on one rank only, ``(n, 3)`` [cm].

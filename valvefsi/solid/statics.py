@@ -1,4 +1,4 @@
-"""Static equilibrium of an exactly incompressible body, mixed displacement-pressure: the reference answers."""
+"""Static equilibrium of an exactly incompressible body, displacement and pressure: the reference answers."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class Fixed:
     Args:
         on: Names of the facet tags.
         components: The axes it acts along, of "x", "y", "z"; empty for all of them.
-        value: ``value(X, s)`` gives the displacement ``(n, 3)`` [cm] at reference positions ``(n, 3)`` and load
-            factor s; None for zero.
+        value: ``value(X, s)`` gives the displacement ``(n, 3)`` [cm] at reference positions ``(n, 3)`` and
+            load factor s; None for zero.
     """
 
     on: tuple[str, ...]
@@ -143,8 +143,8 @@ def solve(
 
         Pi(u, p) = integral W(F) - p (J - 1) dX - s integral t . u dA,    F = I + grad u,
 
-    with Taylor-Hood elements (P2-P1 on simplices, Q2-Q1 on quadrilaterals and hexahedra), the load factor s going
-    from 0 to 1 in steps that are halved where Newton's method fails and doubled where it converges fast.
+    with Taylor-Hood elements (P2-P1 on simplices, Q2-Q1 on quadrilaterals and hexahedra), the load factor s
+    going from 0 to 1 in steps that are halved where Newton's method fails and doubled where it is fast.
 
     Args:
         mesh: A ``SolidMesh``; two dimensions are plane strain.
@@ -168,7 +168,7 @@ def solve(
 
 
 def evaluate_at(function: fem.Function, X: Sequence[float] | Array) -> Array:
-    """Evaluate a continuous function at reference positions ``(m, dim)`` or ``(dim,)`` on all ranks (collective)."""
+    """Evaluate a continuous function at positions ``(m, dim)`` or ``(dim,)``, on all ranks (collective)."""
     mesh = function.function_space.mesh
     given = np.asarray(X, dtype=np.float64)
     points = np.zeros((np.atleast_2d(given).shape[0], 3))
@@ -293,7 +293,7 @@ def _follow_load(problem: _Problem, options: SolverOptions) -> list[LoadStep]:
             increment = (target - factor) / 2
         if increment < options.smallest_increment:
             raise ConvergenceError(
-                f"statics: no equilibrium beyond {factor:.4g} of the load, increments down to {increment:.2g} failed;"
-                " check the supports, refine the mesh or lower the load"
+                f"statics: no equilibrium beyond {factor:.4g} of the load, increments down to {increment:.2g}"
+                " failed; check the supports, refine the mesh or lower the load"
             )
     return steps

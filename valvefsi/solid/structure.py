@@ -167,9 +167,8 @@ class Structure:
         if self.dim == 2 and traction[2] != 0:
             raise CaseError("no z component in two dimensions", key="traction", value=list(load.traction))
         self._dead.append((load.ramp, weights[:, None] * traction))
-        self._load_reports.append(
-            SupportReport(load.on, tuple(traction[: self.dim]), measure, ("x", "y", "z")[: self.dim])
-        )
+        axes, components = ("x", "y", "z")[: self.dim], tuple(traction[: self.dim].tolist())
+        self._load_reports.append(SupportReport(load.on, components, measure, axes))
 
     def force(self, chi: Array, U: Array, t: float) -> Array:
         """Return the force on the nodes.
@@ -225,9 +224,9 @@ class Structure:
         """Gather the deformed mesh for pictures.
 
         Returns:
-            On rank 0 the positions ``(num_nodes, 3)`` by node number, ``{VTK cell type: node numbers (num_cells,
-            k)}`` with the nodes in VTK's order, and the mean J of each cell; None on other ranks. The order of the
-            cells does not depend on the number of ranks.
+            On rank 0 the positions ``(num_nodes, 3)`` by node number, ``{VTK cell type: node numbers
+            (num_cells, k)}`` with the nodes in VTK's order, and the mean J of each cell; None on other ranks.
+            The order of the cells does not depend on the number of ranks.
 
         Note:
             Collective.

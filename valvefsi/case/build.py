@@ -1,0 +1,186 @@
+"""From a case to a simulation: grid, fluid, meshes, solids, couplings, output."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi.case.checks import check_against_mesh
+from valvefsi.case.models import SIDES, Case, Mesh, Solid
+from valvefsi.case.writing import to_dict, to_toml
+from valvefsi.coupling.transfer import Coupling
+from valvefsi.errors import CaseError
+from valvefsi.fluid.boundary import Boundary, Wall
+from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.fsi import Model
+from valvefsi.geometry import mesh as meshes
+from valvefsi.geometry import shapes
+from valvefsi.grid import MacGrid
+from valvefsi.planning import plan
+from valvefsi.recording import Output, Probe
+from valvefsi.simulation import Progress, Schedule, Simulation
+from valvefsi.solid.loads import DeadLoad, Ramp, Tether
+from valvefsi.solid.materials import MATERIALS
+from valvefsi.solid.structure import Discretisation, Structure
+
+
+def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
+    """Build the simulation of a case.
+
+    Args:
+        case: The case, checked.
+        out: Folder of the run.
+        comm: Communicator of the run.
+
+    Raises:
+        CaseError: A mesh does not fit the case.
+
+    Note:
+        Collective. The case is written to ``case.toml`` in the folder when the simulation is run.
+    """
+    grid = build_grid(case, comm)
+    fluid = NavierStokes(grid, _boundary(case, grid), rho=case.fluid.density, mu=case.fluid.viscosity)
+    solids = tuple(build_solid(case, number, comm) for number in range(len(case.solid)))
+    couplings = tuple(Coupling(grid, solid.kernel) for solid in case.solid)
+    model = Model(grid=grid, fluid=fluid, solids=solids, couplings=couplings)
+    schedule = Schedule(dt=case.dt, t_end=case.time.t_end, cfl_max=case.time.cfl_max)
+    return Simulation(model, schedule, _output(case, out))
+
+
+def write_case(case: Case, out: Path, comm: MPI.Comm) -> None:
+    """Keep the case beside its results. Collective."""
+    if comm.rank == 0:
+        Path(out).mkdir(parents=True, exist_ok=True)
+        (Path(out) / "case.toml").write_text(to_toml(case))
+    comm.barrier()
+
+
+def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, object]:
+    """Return the plan of a case, see `valvefsi.planning`. Collective."""
+    return {"plan": plan(build(case, Path(), comm))}
+
+
+def run_case(
+    case: Case,
+    *,
+    out: Path,
+    resume: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    progress: Progress | None = None,
+) -> dict[str, object]:
+    """Run a case, with pictures and ``summary.json`` at the end.
+
+    Args:
+        case: The case.
+        out: Folder of the results.
+        resume: Whether to go on from the last checkpoint in the folder.
+        comm: Communicator of the run.
+        progress: Called after every step.
+
+    Returns:
+        The last row of the history and the timing.
+
+    Note:
+        Collective.
+    """
+    simulation = build(case, out, comm)
+    write_case(case, out, comm)
+    outcome = simulation.run(resume=resume, progress=progress)
+    last = simulation.pictures(outcome.state, title=case.title)
+    result = {"last": last, "timing": outcome.timing(simulation.model.grid)}
+    if comm.rank == 0:
+        (Path(out) / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
+    return result
+
+
+def build_grid(case: Case, comm: MPI.Comm) -> MacGrid:
+    """Build the grid of a case."""
+    periodic = [case.fluid.sides.periodic(axis) for axis in range(case.grid.dim)]
+    try:
+        return MacGrid(case.grid.lower, case.grid.upper, case.grid.cells, periodic, comm)
+    except ValueError as error:
+        raise CaseError(str(error), file=case.file, key="grid.cells", value=list(case.grid.cells)) from None
+
+
+def _boundary(case: Case, grid: MacGrid) -> Boundary:
+    walls = {}
+    for number, name in enumerate(SIDES[: 2 * grid.dim]):
+        if not grid.periodic[number // 2]:
+            velocity = getattr(case.fluid.sides, name).velocity
+            walls[name] = Wall(velocity=tuple(velocity) or (0.0,) * grid.dim)
+    return Boundary(grid, walls)
+
+
+def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
+    """Mesh one solid of a case and build it. Collective."""
+    given = case.solid[number]
+    mesh = build_mesh(given.mesh, case.file, comm)
+    x = mesh.mesh.geometry.x
+    bounds = np.concatenate([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+    comm.Allreduce(MPI.IN_PLACE, bounds, op=MPI.MIN)
+    lower, upper = bounds[:3], -bounds[3:]
+    if mesh.dim != case.grid.dim:
+        raise CaseError(
+            f"the mesh has {mesh.dim} dimensions and the grid {case.grid.dim}",
+            file=case.file,
+            key=f"solid.{given.name}.mesh",
+        )
+    check_against_mesh(case, number, tags=mesh.names, lower=lower, upper=upper)
+    return Structure(
+        mesh,
+        MATERIALS[given.material.model](**given.material.parameters),
+        name=given.name,
+        nu_stab=given.nu_stab,
+        discretisation=Discretisation(
+            degree=given.degree, quadrature_degree=given.quadrature_degree, kernel=given.kernel
+        ),
+        damping=given.damping,
+        tethers=_tethers(given),
+        loads=_loads(given),
+    )
+
+
+def _tethers(solid: Solid) -> list[Tether]:
+    return [
+        Tether(on=t.on or None, components=t.components, stiffness=t.stiffness, damping=t.damping)
+        for t in solid.tether
+    ]
+
+
+def _loads(solid: Solid) -> list[DeadLoad]:
+    return [
+        DeadLoad(on=q.on, traction=q.traction, ramp=Ramp(duration=q.ramp, shape=q.ramp_shape))
+        for q in solid.load
+    ]
+
+
+def build_mesh(mesh: Mesh, case_file: Path | None, comm: MPI.Comm) -> meshes.SolidMesh:
+    """Read or make the mesh of a solid. Collective."""
+    if mesh.file is not None:
+        return meshes.read_mesh((case_file.parent if case_file else Path()) / mesh.file, comm)
+    options = {"lower": mesh.lower, "size": mesh.size, "elements": mesh.elements}
+    if mesh.cell:
+        options["cell"] = mesh.cell
+    if mesh.load_width is not None:
+        options["load_width"] = mesh.load_width
+    return getattr(shapes, mesh.shape)(comm, **options)
+
+
+def _output(case: Case, out: Path) -> Output:
+    probes = tuple(
+        Probe(name=probe.name, solid=number, at=tuple(probe.at))
+        for number, solid in enumerate(case.solid)
+        for probe in solid.probe
+    )
+    return Output(
+        directory=Path(out),
+        history_every=case.output.history_every,
+        frames=case.output.frames,
+        checkpoint_every=case.output.checkpoint_every,
+        keep_checkpoints=case.output.keep_checkpoints,
+        probes=probes,
+        provenance=to_dict(case),
+    )

@@ -1,0 +1,263 @@
+"""Pictures: the deformed solid over the flow, and histories against their references."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+INK, MUTED, GRID = "#1b2733", "#5b6b7a", "#dfe5ea"
+LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Okabe and Ito's colours, told apart by colour-blind readers."""
+FLOW = LinearSegmentedColormap.from_list("flow", ["#ffffff", "#e3ebf1", "#bccddb", "#8fa9bf"])
+PRESSURE = LinearSegmentedColormap.from_list("pressure", ["#8d7bb0", "#fbfaf8", "#d9a25f"])
+DILATION = LinearSegmentedColormap.from_list(
+    "dilation", ["#a3212d", "#d9604d", "#f3b59a", "#f7f5f3", "#a3cbe2", "#4a90c2", "#1f5a99"]
+)
+"""Red where compressed, blue where dilated, near white at J = 1."""
+CORNERS = {5: 3, 9: 4, 22: 3, 28: 4, 69: 3, 70: 4}
+"""Corners of the plane cells of VTK, the first nodes of each."""
+STYLE = {
+    "font.family": "sans-serif",
+    "font.size": 10.0,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.titlecolor": INK,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaneFlow:
+    """The flow in a plane, in cell centres.
+
+    Attributes:
+        x: Centres along the first axis, ``(nx,)`` [cm].
+        y: Centres along the second axis, ``(ny,)`` [cm].
+        u: First component of the velocity, ``(nx, ny)`` [cm/s].
+        v: Second component of the velocity, ``(nx, ny)`` [cm/s].
+        pressure: Pressure, drawn in place of the speed if given, ``(nx, ny)`` [dyn/cm^2].
+    """
+
+    x: NDArray
+    y: NDArray
+    u: NDArray
+    v: NDArray
+    pressure: NDArray | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaneSolid:
+    """A deformed solid in the plane, as `Structure.cells_on_root` gives it.
+
+    Attributes:
+        points: Positions of the nodes, ``(num_nodes, 2 or 3)`` [cm].
+        cells: Nodes of the cells, ``(num_cells, k)``, by VTK cell type.
+        J: det F of each cell, ``(num_cells,)``.
+        outline: Reference outline, closed, ``(n, 2)`` [cm]; drawn dashed if given.
+    """
+
+    points: NDArray
+    cells: Mapping[int, NDArray]
+    J: NDArray
+    outline: NDArray | None = None
+
+    @property
+    def polygons(self) -> list[NDArray]:
+        """Corners of each cell."""
+        return [
+            self.points[nodes[:, : CORNERS[int(kind)]], :2]
+            for kind, nodes in self.cells.items()
+            if len(nodes)
+        ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Series:
+    """One panel of a history.
+
+    Attributes:
+        label: What it shows, with its unit.
+        lines: Values over time by name, one array each.
+        reference: A value to compare with.
+        reference_label: Where that value is from.
+    """
+
+    label: str
+    lines: Mapping[str, Sequence[float]]
+    reference: float | None = None
+    reference_label: str = "reference"
+
+
+def flow_and_solid(
+    path: Path, flow: PlaneFlow, solids: Sequence[PlaneSolid], *, title: str = "", caption: str = ""
+) -> Path:
+    """Draw deformed solids, coloured by J, over the flow.
+
+    Args:
+        path: The picture, PNG or PDF.
+        flow: The flow.
+        solids: The solids.
+        title: Heading.
+        caption: Second line under it.
+
+    Returns:
+        The path.
+    """
+    with mpl.rc_context(STYLE):
+        extent = (*_ends(flow.x), *_ends(flow.y))
+        ratio = (extent[3] - extent[2]) / (extent[1] - extent[0])
+        width, left, share = 7.6, 0.1, 0.83
+        tall = share * width * ratio
+        height = tall + 2.15
+        figure = Figure(figsize=(width, height), dpi=160, facecolor="white")
+        bottom = 1.4 / height
+        axes = figure.add_axes((left, bottom, share, tall / height))
+        bars = [_draw_flow(axes, flow, extent), *_draw_solids(axes, solids)]
+        axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x [cm]", ylabel="y [cm]")
+        axes.set_aspect("equal")
+        span = (share - 0.09) / 2
+        for number, (mappable, label) in enumerate(bars):
+            place = (left + number * (span + 0.09), 0.58 / height, span, 0.12 / height)
+            _bar(figure, place, mappable, label)
+        _headings(figure, left, bottom + tall / height, title, caption, height)
+        return _save(figure, path)
+
+
+def histories(
+    path: Path, t: Sequence[float], series: Sequence[Series], *, title: str = "", caption: str = ""
+) -> Path:
+    """Draw histories one under the other, each with the reference it is compared with.
+
+    Args:
+        path: The picture, PNG or PDF.
+        t: Times [s].
+        series: The panels.
+        title: Heading.
+        caption: Second line under it.
+
+    Returns:
+        The path.
+    """
+    with mpl.rc_context(STYLE):
+        height = 2.35 * len(series) + 1.15
+        figure = Figure(figsize=(7.6, height), dpi=160, facecolor="white")
+        top = 1 - 0.78 / height
+        panels = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]
+        figure.subplots_adjust(left=0.13, right=0.84, top=top, bottom=0.5 / height, hspace=0.16)
+        for axes, panel in zip(panels, series, strict=True):
+            _draw_history(axes, np.asarray(t), panel)
+        panels[-1].set_xlabel("t [s]")
+        figure.align_ylabels(panels)
+        _headings(figure, 0.13, top, title, caption, height)
+        return _save(figure, path)
+
+
+def _draw_flow(axes: Axes, flow: PlaneFlow, extent: tuple[float, ...]) -> tuple[ScalarMappable, str]:
+    """Draw speed or pressure as a background, and streamlines whose width follows the speed."""
+    speed = np.hypot(flow.u, flow.v)
+    largest = float(speed.max())
+    image = {"origin": "lower", "extent": extent, "interpolation": "bilinear", "zorder": 0}
+    if flow.pressure is None:
+        shown = (
+            axes.imshow(speed.T, cmap=FLOW, vmin=0.0, vmax=_round_up(largest), **image),
+            "fluid speed [cm/s]",
+        )
+    else:
+        reach = _round_up(float(np.abs(flow.pressure).max()))
+        background = axes.imshow(flow.pressure.T, cmap=PRESSURE, vmin=-reach, vmax=reach, **image)
+        shown = (background, "pressure [dyn/cm$^2$]")
+    if largest > 0:
+        widths = 0.25 + 1.1 * np.sqrt(speed.T / largest)
+        options = {"density": 1.5, "arrowsize": 0.7, "color": "#3d5a73", "zorder": 1}
+        lines = axes.streamplot(flow.x, flow.y, flow.u.T, flow.v.T, linewidth=widths, **options)
+        lines.lines.set_alpha(0.75)
+    return shown
+
+
+def _draw_solids(axes: Axes, solids: Sequence[PlaneSolid]) -> list[tuple[ScalarMappable, str]]:
+    """Draw the cells coloured by J; the scale has 1 at its middle, so that equal changes look equally strong."""
+    if not solids:
+        return []
+    reach = max(_round_up(max(float(np.abs(solid.J - 1).max()) for solid in solids)), 1e-3)
+    scale = ScalarMappable(Normalize(1 - reach, 1 + reach), DILATION)
+    for solid in solids:
+        ends = np.cumsum([len(polygons) for polygons in solid.polygons])[:-1]
+        for polygons, J in zip(solid.polygons, np.split(solid.J, ends), strict=True):
+            cells = PolyCollection(polygons, array=J, cmap=scale.cmap, norm=scale.norm, zorder=3)
+            cells.set(edgecolor="#1b273366", linewidth=0.35)
+            axes.add_collection(cells)
+        if solid.outline is not None:
+            axes.plot(*np.asarray(solid.outline).T, color=INK, linewidth=1.0, dashes=(4, 3), zorder=4)
+    return [(scale, "$J = \\det F$ [-]")]
+
+
+def _round_up(value: float) -> float:
+    """Return the next number of the kind 1, 1.2, 1.6, 2, 3, 4, 5, 6, 8 times a power of ten; 1 for 0."""
+    if not value > 0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(value))
+    steps = (1, 1.2, 1.6, 2, 3, 4, 5, 6, 8, 10)
+    return float(next(k * power for k in steps if k * power >= value * (1 - 1e-9)))
+
+
+def _draw_history(axes: Axes, t: NDArray, panel: Series) -> None:
+    if panel.reference is not None:
+        axes.axhline(panel.reference, color=INK, linewidth=1.1, dashes=(5, 3), zorder=2)
+        text = f"{panel.reference_label}\n{panel.reference:.5g}"
+        axes.annotate(
+            text, (1.015, panel.reference), xycoords=("axes fraction", "data"), va="center", fontsize=8.5
+        )
+    for (name, values), colour in zip(panel.lines.items(), LINES, strict=False):
+        axes.plot(t, values, color=colour, linewidth=1.8, label=name, zorder=3, solid_capstyle="round")
+    if len(panel.lines) > 1:
+        axes.legend(frameon=False, fontsize=8.5, ncols=3, loc="best")
+    axes.set_ylabel(panel.label)
+    axes.grid(color=GRID, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.margins(x=0, y=0.12)
+
+
+def _bar(figure: Figure, place: tuple[float, ...], mappable: ScalarMappable, label: str) -> None:
+    bar = figure.colorbar(mappable, cax=figure.add_axes(place), orientation="horizontal")
+    bar.set_label(label, labelpad=3)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(length=2.5, labelsize=8.5)
+    ticks = np.linspace(*mappable.get_clim(), 5)
+    bar.set_ticks(ticks, labels=[f"{tick:.6g}" for tick in ticks])
+
+
+def _headings(figure: Figure, x: float, top: float, title: str, caption: str, height: float) -> None:
+    figure.text(x, top + 0.38 / height, title, fontsize=12.5, fontweight="bold", va="baseline")
+    figure.text(x, top + 0.14 / height, caption, fontsize=9.5, color=MUTED, va="baseline")
+
+
+def _ends(centres: NDArray) -> tuple[float, float]:
+    """Return the ends of an axis from its cell centres."""
+    half = (centres[1] - centres[0]) / 2
+    return float(centres[0] - half), float(centres[-1] + half)
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+    return path

@@ -1,0 +1,192 @@
+"""What a run will take, before it is run: size, memory, limits of the step, time.
+
+The limits are of the explicit coupling: with nodes moved by the fluid, a spring is a spring on the mass of fluid
+that the kernel moves. For a stiffness k per area of a face,
+
+    omega^2 = k c / (rho h),   c = max_r sum_j phi(r - j)^2,   dt < 2 / omega,
+
+for a body tether omega^2 = k / rho, for the elastic waves omega = 2 sqrt(dim) c_p / l with
+c_p^2 = (kappa + 4/3 mu_s) / rho and l the smallest edge; a damper eta decays stably while dt < 2 rho / eta (body) or
+dt < 2 rho h / (eta c) (area). Crank-Nicolson viscosity has no limit.
+"""
+
+from __future__ import annotations
+
+import math
+import resource
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from valvefsi import fsi
+from valvefsi.coupling import kernels
+from valvefsi.fsi import Model
+from valvefsi.simulation import Simulation
+
+TRIAL_STEPS = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One line of a plan.
+
+    Attributes:
+        quantity: What it is.
+        value: Its value.
+        unit: Unit of the value.
+        note: What to make of it.
+    """
+
+    quantity: str
+    value: float | int | str
+    unit: str = ""
+    note: str = ""
+
+
+def plan(simulation: Simulation) -> list[Entry]:
+    """Return size, memory, limits of the step and expected time of a run.
+
+    Args:
+        simulation: The simulation, not run yet; a few trial steps are taken from its first state and thrown away.
+
+    Note:
+        Collective.
+    """
+    model, schedule = simulation.model, simulation.schedule
+    return [*_size(model, schedule.num_steps), *_limits(simulation), *_gives(model), *_cost(simulation)]
+
+
+def _size(model: Model, steps: int) -> list[Entry]:
+    grid = model.grid
+    cells = " x ".join(str(n) for n in grid.cells[: grid.dim])
+    entries = [
+        Entry(quantity="cells", value=math.prod(grid.cells), note=cells),
+        Entry(quantity="spacing h", value=float(grid.spacing[0]), unit="cm"),
+        Entry(quantity="steps", value=steps),
+        Entry(quantity="ranks", value=grid.comm.size),
+    ]
+    for solid in model.solids:
+        ratio = solid.stiffness().smallest_edge / grid.spacing[0]
+        entries.append(
+            Entry(
+                quantity=f"points of {solid.name}",
+                value=solid.num_nodes,
+                note=f"smallest edge / h = {ratio:.2f}",
+            )
+        )
+    return [*entries, _memory(model)]
+
+
+def _memory(model: Model) -> Entry:
+    """Two states (u, N, p), the force, and at the peak a step's own arrays; 6 weights and indices per point."""
+    grid = model.grid
+    per_cell = 8 * (2 * (2 * grid.dim + 1) + grid.dim + grid.dim + 3)
+    ghosted = math.prod(grid.shape)
+    points = sum(len(s.X) * 8 * (2 * 6 * (c.kind[1] + 1) + 15) for s, c in zip(model.solids, model.couplings, strict=True))
+    here = (ghosted * per_cell + points) / 2**20
+    loaded = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    total = grid.comm.allreduce(here + loaded)
+    return Entry(
+        quantity="memory, all ranks", value=total, unit="MiB", note=f"{grid.comm.allreduce(here):.0f} MiB of fields"
+    )
+
+
+def largest_square_sum(kernel: str) -> float:
+    """Largest sum of squares of a kernel's weights over all shifts."""
+    family, points = kernels.KERNELS[kernel]
+    sums = []
+    for s in np.linspace(0.0, 1.0, 101):
+        w = np.zeros(points)
+        kernels.weights_at(w, family, points, s)
+        sums.append(float((w**2).sum()))
+    return max(sums)
+
+
+def step_limits(model: Model) -> dict[str, float]:
+    """Largest stable steps by cause [s]. Collective."""
+    grid, rho = model.grid, model.fluid.rho
+    h = float(min(grid.spacing[: grid.dim]))
+    limits: dict[str, float] = {}
+    for solid, coupling in zip(model.solids, model.couplings, strict=True):
+        stiff, c = solid.stiffness(), largest_square_sum(coupling.name)
+        modulus = (stiff.kappa or 0.0) + 4.0 / 3.0 * stiff.shear_modulus
+        limits[f"elastic, {solid.name}"] = stiff.smallest_edge * math.sqrt(rho / modulus / grid.dim)
+        springs: dict[str, float] = {}
+        for tether in solid.tethers:
+            mass = rho if tether.on is None else rho * h / c
+            for axis in "xyz"[: grid.dim]:
+                if axis in tether.components:
+                    springs[axis] = springs.get(axis, 0.0) + tether.stiffness / mass
+        if springs:
+            limits[f"tether, {solid.name}"] = 2.0 / math.sqrt(max(springs.values()))
+        damping = solid.damping / rho + sum(
+            t.damping / (rho if t.on is None else rho * h / c) for t in solid.tethers
+        )
+        if damping > 0.0:
+            limits[f"damping, {solid.name}"] = 2.0 / damping
+    return limits
+
+
+def _limits(simulation: Simulation) -> list[Entry]:
+    model, schedule = simulation.model, simulation.schedule
+    h = float(min(model.grid.spacing[: model.grid.dim]))
+    nu = model.fluid.mu / model.fluid.rho
+    entries = [
+        Entry(quantity="time step", value=schedule.dt, unit="s"),
+        Entry(
+            quantity="CFL limit: largest speed",
+            value=schedule.cfl_max * h / schedule.dt,
+            unit="cm/s",
+            note=f"|u| dt / h <= {schedule.cfl_max:g}",
+        ),
+        Entry(
+            quantity="viscous limit",
+            value=h * h / (2.0 * model.grid.dim * nu) if nu else math.inf,
+            unit="s",
+            note="does not bind, viscosity is implicit",
+        ),
+    ]
+    for cause, limit in step_limits(model).items():
+        ratio = schedule.dt / limit
+        note = f"dt / limit = {ratio:.2f}" + (", likely unstable" if ratio > 1.0 else "")
+        entries.append(Entry(quantity=f"step limit, {cause}", value=limit, unit="s", note=note))
+    return entries
+
+
+def _gives(model: Model) -> list[Entry]:
+    """How far each tether gives under the mean of the loads it carries: mean traction / stiffness."""
+    entries = []
+    for solid in model.solids:
+        total = np.zeros(3)
+        for load in solid.load_report():
+            total[: len(load.value)] += np.array(load.value) * load.measure
+        for tether in solid.tether_report():
+            force = max((abs(total["xyz".index(axis)]) for axis in tether.components), default=0.0)
+            where = "body" if tether.on is None else ", ".join(tether.on)
+            entries.append(
+                Entry(
+                    quantity=f"give of the tether on {where} ({''.join(tether.components)})",
+                    value=force / (tether.measure * tether.value) if tether.value else math.inf,
+                    unit="cm",
+                    note="mean traction / stiffness",
+                )
+            )
+    return entries
+
+
+def _cost(simulation: Simulation) -> list[Entry]:
+    model, schedule = simulation.model, simulation.schedule
+    state = simulation.initial or fsi.initial_state(model, schedule.dt)
+    times = []
+    for _ in range(TRIAL_STEPS):
+        model.grid.comm.barrier()
+        started = time.perf_counter()
+        state = fsi.step(model, state, schedule.dt)
+        model.grid.comm.barrier()
+        times.append(time.perf_counter() - started)
+    each = model.grid.comm.bcast(float(np.median(times[1:])))
+    return [
+        Entry(quantity="time of a step", value=1e3 * each, unit="ms", note=f"median of {TRIAL_STEPS - 1} trial steps"),
+        Entry(quantity="expected time", value=each * schedule.num_steps, unit="s", note="without output"),
+    ]
