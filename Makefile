@@ -9,6 +9,7 @@ MPIRUN := $(BIN)/mpirun
 STAMP := .venv/ready
 LOGS := build/ranks
 
+# PATH in test and test-slow: tests that start mpirun or valvefsi must get those of .venv.
 # One thread a rank; the ranks use the cores. A test that hangs (ranks out of step) is ended and shows where.
 export OMP_NUM_THREADS = 1
 export MPLBACKEND = Agg
@@ -34,7 +35,7 @@ demo: $(STAMP) ## the compressed block in a box of fluid on two ranks: table, pi
 	$(MPIRUN) -n $(RANKS) $(BIN)/python -m valvefsi bench compression --out results/compression
 
 test: $(STAMP) ## the test suite on one rank
-	$(PYTEST) -m 'not slow' $(ARGS)
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(PYTEST) -m 'not slow' $(ARGS)
 
 test-parallel: $(STAMP) ## the same tests under mpirun, without those that start processes of their own
 	@rm -rf $(LOGS) && mkdir -p $(LOGS)
@@ -43,7 +44,7 @@ test-parallel: $(STAMP) ## the same tests under mpirun, without those that start
 		|| { tail -n 60 $(LOGS)/*.log; exit 1; }
 
 test-slow: $(STAMP) ## the longer studies
-	$(PYTEST) -m slow $(ARGS)
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(PYTEST) -m slow $(ARGS)
 
 lint: $(STAMP) ## ruff: rules and format
 	$(BIN)/ruff check .

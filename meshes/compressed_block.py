@@ -2,8 +2,8 @@
 
     python meshes/compressed_block.py [--elements 16 8] [--cell quadrilateral|triangle] [--out FILE.msh]
 
-The package makes the same mesh by itself (`shape = "compressed_block"` in a case file); this script is the example of
-a mesh made by hand with gmsh: named physical groups are all that valvefsi asks for.
+The package makes the same mesh by itself (`shape = "compressed_block"` in a case file); this script is the
+example of a mesh made by hand with gmsh: named physical groups are all that valvefsi asks for.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from valvefsi.case import (
 from valvefsi.case.checks import REACH
 from valvefsi.case.models import SHAPES
 from valvefsi.errors import CaseError
+from valvefsi.units import MMHG
 
 
 @pytest.fixture
@@ -50,12 +51,7 @@ def test_the_printed_case_is_a_case_with_every_key_in_it(file):
 
 
 def test_a_case_written_as_toml_reads_back_as_the_same_case(file, tmp_path):
-    overrides = [
-        "solid.block.nu_stab=off",
-        "fluid.viscosity='1.1 cP'",
-        "solid.block.probe.0.at=[0.1e2, 47.0e-0]",
-    ]
-    case = load_case(file, [*overrides[:2], "time.dt='0.3 ms'"])
+    case = load_case(file, ["solid.block.nu_stab=off", "fluid.viscosity='1.1 cP'", "time.dt='0.3 ms'"])
     again = tmp_path / "again.toml"
     again.write_text(to_toml(case))
     assert to_dict(load_case(again)) == to_dict(case)
@@ -72,7 +68,7 @@ def test_a_case_written_as_toml_reads_back_as_the_same_case(file, tmp_path):
         ("time.dt='1 ms'", lambda c: c.dt, 1e-3),
         ("time.dt_per_h=0.002", lambda c: c.dt, 0.002 * 40 / 64),
         ("solid.block.material.c1='10 kPa'", lambda c: c.solid[0].material.parameters["c1"], 1e5),
-        ("solid.block.load.0.traction=[0, '-15 mmHg']", lambda c: c.solid[0].load[0].traction[1], -19998.355),
+        ("solid.block.load.0.traction=[0, '-15 mmHg']", lambda c: c.solid[0].load[0].traction[1], -15 * MMHG),
         ("solid.block.damping=4", lambda c: c.solid[0].damping, 4),
         ("solid.block.mesh.lower=['100 mm', '0.15 m']", lambda c: c.solid[0].mesh.lower[1], 15),
         ("solid.block.tether.0.stiffness='1 kPa/mm'", lambda c: c.solid[0].tether[0].stiffness, 1e5),
@@ -80,7 +76,7 @@ def test_a_case_written_as_toml_reads_back_as_the_same_case(file, tmp_path):
     ],
 )
 def test_quantities_are_cgs_inside_whatever_their_unit(file, override, read, value):
-    assert read(load_case(file, [override])) == pytest.approx(value, rel=1e-7)
+    assert read(load_case(file, [override])) == pytest.approx(value, rel=1e-14)
 
 
 WRONG = {
@@ -93,12 +89,12 @@ WRONG = {
     "fluid.density=0": "fluid.density = 0.0: expected a number greater than 0",
     "fluid.viscosty=1": "fluid.viscosty = 1: unknown key; did you mean 'viscosity'?",
     "fluid.density.x=1": "fluid.density is a value",
-    "flud.density=1": "flud = {'density': 1}: unknown key; did you mean 'fluid'?",
+    "flud.density=1": "--set: flud: unknown key; did you mean 'fluid'?",
     "fluid.sides.x_lower.type=periodc": "expected one of wall, periodic; did you mean 'periodic'?",
     "fluid.sides.x_lower.type=periodic": "fluid.sides.x_upper.type = 'wall': the opposite side is periodic",
     "fluid.sides.x_lower.velocity=[1]": "fluid.sides.x_lower.velocity = [1.0]: expected 2 entries",
     "fluid.sides.x_lower.velocity=[1, 0]": "let 40 cm^2/s into the box",
-    "fluid.sides.z_lower.type=wall": "two dimensions has no such side",
+    "fluid.sides.z_lower.velocity=[1, 0]": "two dimensions has no such side",
     "grid.cells=[64, 65]": "[64, 64] would do",
     "grid.cells=[64, 3]": "grid.cells.1 = 3: expected a number of at least 4",
     "grid.cells=[64]": "grid.cells = [64]: expected 2 entries",
@@ -106,7 +102,7 @@ WRONG = {
     "grid.upper=[-1, 40]": "grid.upper = [-1.0, 40.0]: expected each entry above that of lower",
     "time.t_end=0": "time.t_end = 0.0: expected a number greater than 0",
     "time.t_end='1 us'": "time.t_end = 1e-06: expected at least one time step",
-    "time.dt=-1": "time.dt = -1.0: expected a number greater than 0",
+    "time.dt=-1": "time.dt = -1: expected a number greater than 0",
     "time.cfl_max=2": "expected a number of at most 1",
     "solid.blok.degree=2": "solid.blok: no such item; did you mean 'block'?",
     "solid.1.degree=2": "no such item",
@@ -119,11 +115,11 @@ WRONG = {
     "solid.block.material.c11=1": "unknown parameter of neo_hookean; did you mean 'c1'?",
     "solid.block.material.c1=-1": "solid.block.material.c1 = -1: expected",
     "solid.block.material.c1='1 cm'": "solid.block.material.c1 = '1 cm': expected a quantity in dyn/cm^2",
-    "solid.block.material={model = 'mooney_rivlin', c1 = 1}": "material.c2: this parameter of mooney_rivlin is required",
+    "solid.0.material={model = 'mooney_rivlin', c1 = 1}": "c2: this parameter of mooney_rivlin is required",
     "solid.block.mesh.lower=[-1, 15]": "the solid is outside the box",
     "solid.block.mesh.lower=[0.9, 15]": "within the reach of bspline3 from a wall",
     "solid.block.mesh.shape=box": "a box needs 3 entries",
-    "solid.block.mesh={file = 'valv.msh'}": "solid.block.mesh.file = 'valv.msh': no such mesh file; did you mean 'valve.msh'?",
+    "solid.block.mesh={file = 'valv.msh'}": "'valv.msh': no such mesh file; did you mean 'valve.msh'?",
     "solid.block.mesh.file=valve.msh": "give file or shape; both are given",
     "solid.block.tether.0.on=[botom]": "expected key",
     "solid.block.tether.0.on=['botom']": "= 'botom': the mesh has no such tag; did you mean 'bottom'?",
@@ -173,7 +169,7 @@ def test_mesh_files_are_relative_to_the_case_file(file):
     check_against_mesh(case, 0, tags=("block", "bottom", "top_loaded"), **box)
     with pytest.raises(CaseError, match=r"solid.block.tether.0.on = 'bottom': .* did you mean 'botom'"):
         check_against_mesh(case, 0, tags=("botom", "top_loaded"), **box)
-    with pytest.raises(CaseError, match="mesh.file = .* outside the box: it spans y = 35 ... 45 cm"):
+    with pytest.raises(CaseError, match=r"mesh.file = .* outside the box: it spans y = 35 ... 45 cm"):
         check_against_mesh(case, 0, tags=("bottom", "top_loaded"), lower=(10, 35, 0), upper=(30, 45, 0))
 
 

@@ -1,8 +1,8 @@
 """The commands: run a case, print the keys of case files, run benchmarks.
 
 Exit codes: 0 done, 2 a case or an option cannot be used, 3 the run failed (ConvergenceError, StabilityError),
-130 interrupted, 143 terminated, 1 anything else. In a parallel run rank 0 speaks for all. What computes is imported by the
-command that needs it, so that ``--help`` is quick.
+130 interrupted, 143 terminated, 1 anything else. In a parallel run rank 0 speaks for all. What computes is
+imported by the command that needs it, so that ``--help`` is quick.
 """
 
 from __future__ import annotations
@@ -25,10 +25,9 @@ if TYPE_CHECKING:
     from mpi4py import MPI
     from rich.console import Console
 
-PLAIN_INTERVAL = 5.0
-LIVE_INTERVAL = 0.1
-PATIENCE = 5.0
-SHOWN = 3
+PLAIN_INTERVAL, LIVE_INTERVAL = 5.0, 0.1
+PATIENCE, GRACE = 5.0, 0.5
+WIDE, SHOWN, INTERRUPTED = 120, 3, 130
 RANK_VARIABLES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK", "MPI_RANKID")
 OPTIONS = {"no_args_is_help": True, "context_settings": {"help_option_names": ["-h", "--help"]}}
 
@@ -161,7 +160,7 @@ def speed(
     from valvefsi.benchmarks import speed as benchmark
 
     if not all(part.strip().isdigit() and int(part) >= 4 for part in size.split(",")):
-        raise CaseError("expected whole numbers of at least 4, such as 64,128", file="--sizes", value=size)
+        raise CaseError("expected whole numbers of at least 4, such as 64,128", key="--sizes", value=size)
     sizes = [int(part) for part in size.split(",")]
     comm, folder = MPI.COMM_WORLD, out if out is not None else Path("results") / "speed"
     result = benchmark.run(
@@ -245,20 +244,17 @@ class Progress:
         self.console = self.console or Console()
         if not self.console.is_terminal:
             return
-        columns = (
-            TextColumn("[bold]{task.description}"),
-            BarColumn(),
-            TaskProgressColumn(),
-            TextColumn("{task.fields[text]}"),
-            TextColumn("[cyan]{task.fields[left]} left"),
+        title, text, left = (
+            TextColumn(style)
+            for style in ("[bold]{task.description}", "{task.fields[text]}", "[cyan]{task.fields[left]} left")
         )
-        self.live = Bars(*columns, console=self.console)
+        self.live = Bars(title, BarColumn(), TaskProgressColumn(), text, left, console=self.console)
         self.task = self.live.add_task(self.title, total=1.0, text="", left="...")
         self.live.start()
 
 
 def _newest(info: Mapping[str, object]) -> list[tuple[str, object]]:
-    """Return what of a row of the history goes into a line: the first few columns after step and time."""
+    """Return the first few columns of a row of the history after step and time."""
     return [(name, value) for name, value in info.items() if name not in ("step", "t_s")][:SHOWN]
 
 
@@ -277,38 +273,61 @@ def format_time(seconds: float | None) -> str:
 
 
 def show_result(result: Mapping[str, Any], comm: MPI.Comm, folder: Path | None = None) -> None:
-    """Print a result on rank 0: computed against reference where there is one, everything else by name."""
+    """Print a result on rank 0: its plan or its table of what is compared, else everything by name."""
     if comm.rank != 0 or not result:
         return
     from rich.console import Console
-    from rich.table import Table
 
-    console, reference = Console(), result.get("reference", {})
-    if "quantities" in result:
-        table = Table(title=str(result.get("benchmark", "result")), title_justify="left")
-        for heading in ("quantity", "computed", "reference", "difference"):
-            table.add_column(heading, justify="left" if heading == "quantity" else "right")
-        for name, value in result["quantities"].items():
-            known = reference.get(name)
-            difference = f"{100 * (value - known) / abs(known):+.2f} %" if known else ""
-            table.add_row(name, _number(value), "" if known is None else _number(known), difference)
-        console.print(table)
-        rest = {key: value for key, value in result.get("timing", {}).items() if key != "phases"}
+    console = Console(width=None if sys.stdout.isatty() else WIDE)
+    rest = {"timing": result.get("timing", {})}
+    if "plan" in result:
+        rows = [(e.quantity, _number(e.value), e.unit, e.note) for e in result["plan"]]
+        _print_table(
+            console, "plan", {"quantity": "left", "value": "right", "unit": "left", "": "left"}, rows
+        )
+    elif "table" in result:
+        rows = [_compared(row) for row in result["table"]]
+        headings = {"quantity": "left", "computed": "right", "reference": "right", "difference": "right"}
+        _print_table(
+            console, str(result.get("benchmark", "result")), {**headings, "unit": "left", "": "left"}, rows
+        )
     else:
         rest = result
     for name, value in _flat(rest):
-        console.print(f"{name}: {value}", highlight=False, soft_wrap=True, markup=False)
+        if ".phases." not in f".{name}":
+            console.print(f"{name}: {value}", highlight=False, soft_wrap=True, markup=False)
     if folder is not None:
         console.print(f"results in {folder}", highlight=False, soft_wrap=True, markup=False)
+
+
+def _compared(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the cells of one line of a benchmark's table."""
+    difference, reference = row.get("difference_percent"), row.get("reference")
+    known = "" if reference is None else _number(reference)
+    shown = "" if difference is None else f"{difference:+.2f} %"
+    return row["quantity"], _number(row["computed"]), known, shown, row.get("unit", ""), row.get("source", "")
+
+
+def _print_table(
+    console: Console, title: str, columns: Mapping[str, str], rows: list[tuple[str, ...]]
+) -> None:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for heading, side in columns.items():
+        table.add_column(heading, justify=side)
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    console.print(table)
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     lines = []
     for name, value in values.items():
-        if isinstance(value, Mapping):
-            lines += _flat(value, f"{prefix}{name}.")
-        else:
-            lines.append((f"{prefix}{name}", _number(value)))
+        key = f"{prefix}{name}"
+        lines += _flat(value, f"{key}.") if isinstance(value, Mapping) else [(key, _number(value))]
     return lines
 
 
@@ -318,12 +337,13 @@ def _number(value: object) -> str:
 
 def main() -> NoReturn:
     """Run the command line and leave with its exit code."""
-    sys.excepthook = _abort_all
     if _launched_rank() > 0:
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - open until the process ends
     code = 0
     try:
         code = app(standalone_mode=False) or 0
+        if code == INTERRUPTED:  # some releases of typer turn Ctrl-C into this code, others raise Abort
+            raise typer.Abort
     except Stopped as stop:
         code = 128 + stop.signal
         _leave_together(str(stop), code)
@@ -338,8 +358,11 @@ def main() -> NoReturn:
         if _launched_rank() == 0:
             error.show()
     except (KeyboardInterrupt, typer.Abort):
-        code = 130
+        code = INTERRUPTED
         _leave_together("interrupted", code)
+    except Exception:
+        sys.excepthook = _abort_all  # here, because typer sets its own
+        raise
     sys.exit(code)
 
 
@@ -370,8 +393,9 @@ def _leave_together(message: str, code: int) -> None:
 
 def _abort_all(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     """Print a traceback and end all ranks: one that fails alone would leave the others waiting."""
-    traceback.print_exception(kind, error, trace)
+    sys.stderr.write("".join(traceback.format_exception(kind, error, trace)))
     sys.stderr.flush()
     mpi = sys.modules.get("mpi4py.MPI")
     if mpi is not None and mpi.COMM_WORLD.size > 1:
+        time.sleep(GRACE)  # so that the launcher has passed on what this rank and others had to say
         mpi.COMM_WORLD.Abort(1)

@@ -23,11 +23,14 @@ if TYPE_CHECKING:
     from mpi4py import MPI
     from numpy.typing import NDArray
 
-VERSION: tuple[int, ...] = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
+RELEASE: str = dolfinx.__version__
+"""The DOLFINx release in use, for records."""
+
+VERSION: tuple[int, ...] = tuple(int(part) for part in RELEASE.split(".")[:2])
 """Major and minor number of the DOLFINx release in use."""
 
 if VERSION < (0, 9):
-    raise ImportError(f"DOLFINx {dolfinx.__version__} is too old: valvefsi needs 0.9, 0.10 or 0.11")
+    raise ImportError(f"DOLFINx {RELEASE} is too old: valvefsi needs 0.9, 0.10 or 0.11")
 if np.dtype(PETSc.ScalarType).kind == "c":
     raise ImportError(
         "this PETSc works with complex numbers: valvefsi needs a real build of DOLFINx and PETSc"
@@ -77,6 +80,13 @@ def model_to_mesh(
 
     data = reader.model_to_mesh(model, comm, 0, gdim=gdim)
     return data.mesh, data.cell_tags, data.facet_tags
+
+
+def geometry_nodes(mesh: dolfinx.mesh.Mesh) -> NDArray[np.int32]:
+    """Return the rows of ``mesh.geometry.x`` of each of this rank's own cells, ``(num_cells, k)``."""
+    geometry = mesh.geometry
+    table = geometry.dofmaps[0] if VERSION >= (0, 11) else geometry.dofmap
+    return table[: mesh.topology.index_map(mesh.topology.dim).size_local]
 
 
 def create_vector(space: fem.FunctionSpace) -> PETSc.Vec:

@@ -17,7 +17,6 @@ from valvefsi import diagnostics, fsi
 from valvefsi.errors import CaseError, StabilityError, Stopped
 from valvefsi.fsi import Model, State
 from valvefsi.grid import MacGrid
-from valvefsi.pictures import draw
 from valvefsi.recording import Output, Recorder, load_state, save_state
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
@@ -132,6 +131,8 @@ class Simulation:
         Note:
             Collective.
         """
+        from valvefsi.pictures import draw  # matplotlib is not needed before the end
+
         return draw(self.model, state, self.output, title, references or {})
 
     def _first_state(self, resume: bool) -> State:

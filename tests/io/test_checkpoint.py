@@ -124,6 +124,13 @@ def test_a_file_that_is_cut_off_is_recognised(comm, shared_tmp, length):
     assert_is(comm, found, 10, seed=3)
 
 
+def test_a_file_with_something_added_is_recognised(comm, shared_tmp):
+    write(comm, shared_tmp, 10, seed=3)
+    damage(comm, write(comm, shared_tmp, 20), lambda content: content + b"more")
+    found, _ = read_quietly(comm, shared_tmp)
+    assert_is(comm, found, 10, seed=3)
+
+
 def test_a_run_does_not_start_anew_where_all_checkpoints_are_damaged(comm, shared_tmp):
     damage(comm, write(comm, shared_tmp, 10), flip_bit)
     with pytest.raises(CaseError, match="all are damaged"):

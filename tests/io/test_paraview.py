@@ -125,7 +125,9 @@ def test_arrays_of_another_shape_are_refused_on_all_ranks(comm, shared_tmp):
     writer = series(comm, shared_tmp)
     nx = writer.shape[0] - (comm.rank == 0)
     with pytest.raises(ValueError, match="expected arrays of"):
-        writer.write(0.0, np.zeros((nx, 5, 3, 3)), np.zeros((nx, 5, 3)))
+        writer.write(0.0, np.zeros((nx, 5, 3, 3)), np.zeros(writer.shape))
+    with pytest.raises(ValueError, match="expected arrays of"):
+        writer.write(0.0, np.zeros((*writer.shape, 3)), np.zeros((nx, 5, 3)))
 
 
 def test_a_solid_is_read_back_with_displacement_and_J(comm, shared_tmp):

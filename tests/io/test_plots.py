@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from valvefsi.io.plots import PlaneFlow, PlaneSolid, Series, flow_and_solid, histories
+from valvefsi.io.plots import PlaneFlow, PlaneSolid, Series, flow_and_solid, histories, phase_bars
 
 X = np.arange(16) + 0.5
 
@@ -55,3 +55,12 @@ def test_a_history_shows_its_reference(tmp_path):
     without = imread(histories(tmp_path / "b.png", t, panels, title="t", caption="c"))
     assert with_reference.shape == without.shape
     assert (with_reference != without).any(axis=-1).sum() > 500
+
+
+def test_the_phases_of_a_step_are_drawn(tmp_path):
+    steps = {"64^3": {"a": 1.0, "b": 3.0}, "128^3": {"a": 10.0, "c": 10.0}}
+    picture = imread(phase_bars(tmp_path / "speed.png", steps))
+    blue = (np.abs(picture[..., :3] - np.array([0x56, 0xB4, 0xE9]) / 255) < 0.02).all(axis=-1).sum(axis=1)
+    bars = np.split(blue, np.flatnonzero(np.diff((blue > 100).astype(int))) + 1)
+    first, second = (bar.max() for bar in bars if bar.min() > 100)
+    assert second == pytest.approx(2 * first, rel=0.05)

@@ -6,12 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from valvefsi import dolfinx_compat as compat
+
+# isort: split
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
 from tests.ordering import assert_order
-from valvefsi import dolfinx_compat as compat
 from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.geometry.shapes import box, compressed_block, rectangle
 from valvefsi.solid import statics
@@ -55,7 +58,7 @@ def test_the_compressed_block_goes_down_by_the_reference_value(comm, cell):
 class Bending:
     """Rivlin's bending of an incompressible block (-a..a) x (-b..b) into a sector, outer surface free.
 
-    r^2 = 2 A X + B, angle = Y/A, so J = 1; the radial stress c1/2 (r^2/A^2 + A^2/r^2) + K vanishes at the outer radius.
+    r^2 = 2 A X + B, angle = Y/A, so J = 1; the radial stress c1/2 (r^2/A^2 + A^2/r^2) + K is zero outside.
     """
 
     A, B, c1, outer = 2.0, 4.0, 50.0, 0.5

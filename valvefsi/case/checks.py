@@ -83,7 +83,7 @@ def _check_sides(grid: Grid, sides: Sides) -> None:
         side, (axis, upper) = getattr(sides, name), divmod(number, 2)
         key = f"fluid.sides.{name}"
         if axis >= grid.dim:
-            if name in sides.model_fields_set:
+            if side != type(side)():
                 raise CaseError("a case in two dimensions has no such side; leave it out", key=key)
             continue
         if side.velocity:

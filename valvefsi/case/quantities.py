@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, get_args
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import PydanticCustomError, core_schema
 
+from valvefsi.units import MMHG
+
 if TYPE_CHECKING:
     import pint
 
@@ -42,7 +44,9 @@ def unit_registry() -> pint.UnitRegistry:
     """Return the one registry of units."""
     import pint
 
-    return pint.UnitRegistry()
+    registry = pint.UnitRegistry(on_redefinition="ignore")
+    registry.define(f"millimeter_Hg = {MMHG!r} dyn / cm^2 = mmHg")  # the torr, as everywhere here
+    return registry
 
 
 class Quantity:

@@ -164,7 +164,7 @@ def _choices(value: object, choices: Sequence[str]) -> str:
 
 def _source(key: str, file: Path | None, changed: Sequence[str]) -> object:
     """Return where a value was given: on the command line or in the file."""
-    related = (c for c in changed if c == key or key.startswith(f"{c}."))
+    related = (f"{c}.".startswith(f"{key}.") or key.startswith(f"{c}.") for c in changed)
     return "--set" if any(related) else file
 
 

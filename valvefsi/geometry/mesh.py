@@ -199,8 +199,7 @@ def _count_bad_cells(mesh: Mesh) -> int:
     element = mesh.ufl_domain().ufl_coordinate_element().basix_element
     corners = basix.geometry(element.cell_type)
     gradients = element.tabulate(1, corners)[1:, :, :, 0]
-    cells = mesh.geometry.dofmap[: mesh.topology.index_map(mesh.topology.dim).size_local]
-    points = mesh.geometry.x[cells][:, :, : mesh.geometry.dim]
+    points = mesh.geometry.x[compat.geometry_nodes(mesh)][:, :, : mesh.geometry.dim]
     determinants = np.linalg.det(np.einsum("dpn,cni->cpid", gradients, points))
     size = np.ptp(points, axis=1).prod(axis=1) if len(points) else np.zeros(0)
     smallest = np.where(determinants[:, :1] < 0, -determinants, determinants).min(axis=1, initial=np.inf)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 INK, MUTED, GRID = "#1b2733", "#5b6b7a", "#dfe5ea"
 LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Okabe and Ito's colours, told apart by colour-blind readers."""
+BARS = ("#56b4e9", "#e69f00", "#7fc9ae", "#d9a3c4", "#f0e442", "#8fa9bf", "#d98f5c", "#c9d3db")
 FLOW = LinearSegmentedColormap.from_list("flow", ["#ffffff", "#e3ebf1", "#bccddb", "#8fa9bf"])
 PRESSURE = LinearSegmentedColormap.from_list("pressure", ["#8d7bb0", "#fbfaf8", "#d9a25f"])
 DILATION = LinearSegmentedColormap.from_list(
@@ -170,6 +171,47 @@ def histories(
         return _save(figure, path)
 
 
+def phase_bars(
+    path: Path, steps: Mapping[str, Mapping[str, float]], *, title: str = "Where a step goes"
+) -> Path:
+    """Draw how the time of a step divides into its phases, one bar for each run.
+
+    Args:
+        path: The picture, PNG or PDF.
+        steps: Time of each phase by name, by name of the run [ms].
+        title: Heading.
+
+    Returns:
+        The path.
+    """
+    with mpl.rc_context(STYLE):
+        height = 0.52 * len(steps) + 1.9
+        figure = Figure(figsize=(7.6, height), dpi=160, facecolor="white")
+        axes = figure.add_axes((0.11, 1.0 / height, 0.75, 0.52 * len(steps) / height))
+        names = list(dict.fromkeys(name for phases in steps.values() for name in phases))
+        totals = np.array([sum(phases.values()) for phases in steps.values()])
+        rows, left = np.arange(len(steps)), np.zeros(len(steps))
+        for name, colour in zip(names, BARS * (len(names) // len(BARS) + 1), strict=False):
+            times = np.array([phases.get(name, 0.0) for phases in steps.values()])
+            share = 100 * times / np.where(totals > 0, totals, 1.0)
+            axes.barh(rows, share, 0.62, left, color=colour, label=name, edgecolor="white", linewidth=1.2)
+            for row in rows[share >= 7]:
+                place = (left[row] + share[row] / 2, row)
+                axes.annotate(f"{share[row]:.0f} %", place, ha="center", va="center", fontsize=8.5)
+            left += share
+        for row, total in zip(rows, totals, strict=True):
+            axes.annotate(f"{total:.3g} ms", (101.5, row), va="center", annotation_clip=False)
+        axes.set(xlim=(0, 100), ylim=(len(steps) - 0.5, -0.5), xlabel="share of a step [%]")
+        axes.set_yticks(rows, list(steps))
+        axes.tick_params(left=False)
+        axes.spines[["top", "right", "left"]].set_visible(False)
+        figure.legend(
+            loc="lower left", bbox_to_anchor=(0.1, 0.0), ncols=min(len(names), 6), frameon=False, fontsize=8.5
+        )
+        _headings(figure, 0.11, 1.0 / height + 0.52 * len(steps) / height - 0.1 / height, title, "", height)
+        return _save(figure, path)
+
+
 def _draw_flow(axes: Axes, flow: PlaneFlow, extent: tuple[float, ...]) -> tuple[ScalarMappable, str]:
     """Draw speed or pressure as a background, and streamlines whose width follows the speed."""
     speed = np.hypot(flow.u, flow.v)
@@ -193,7 +235,7 @@ def _draw_flow(axes: Axes, flow: PlaneFlow, extent: tuple[float, ...]) -> tuple[
 
 
 def _draw_solids(axes: Axes, solids: Sequence[PlaneSolid]) -> list[tuple[ScalarMappable, str]]:
-    """Draw the cells coloured by J; the scale has 1 at its middle, so that equal changes look equally strong."""
+    """Draw the cells coloured by J; 1 is at the middle of the scale."""
     if not solids:
         return []
     reach = max(_round_up(max(float(np.abs(solid.J - 1).max()) for solid in solids)), 1e-3)

@@ -255,9 +255,7 @@ class Structure:
 
     def stiffness(self) -> Stiffness:
         """Return what limits an explicit step (collective)."""
-        geometry = self.mesh.mesh.geometry
-        num_cells = self.mesh.mesh.topology.index_map(self.mesh.mesh.topology.dim).size_local
-        corners = geometry.x[geometry.dofmap[:num_cells]]
+        corners = self.mesh.mesh.geometry.x[compat.geometry_nodes(self.mesh.mesh)]
         a, b = np.triu_indices(corners.shape[1], k=1)
         edge = np.linalg.norm(corners[:, a] - corners[:, b], axis=2).min(initial=np.inf)
         edge = self.comm.allreduce(float(edge), op=MPI.MIN)

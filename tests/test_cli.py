@@ -1,0 +1,229 @@
+"""The command line: what it prints, where, and how it ends."""
+
+import io
+import os
+import subprocess
+import sys
+import textwrap
+
+import pytest
+import typer.testing
+from mpi4py import MPI
+from rich.console import Console
+
+import valvefsi
+from valvefsi import cli
+from valvefsi.case import case_defaults, load_case
+
+RUNNER = typer.testing.CliRunner()
+
+
+def python(script, *arguments, ranks=1):
+    """Run a script that ends in cli.main(), with the arguments of a command line."""
+    start = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
+    environment = {
+        k: v for k, v in os.environ.items() if not k.startswith(("PMI", "OMPI_", "PMIX", "HYDRA", "MPI"))
+    }
+    return subprocess.run(
+        [*start, sys.executable, "-c", textwrap.dedent(script), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment,
+    )
+
+
+MAIN = "from valvefsi.cli import main; main()"
+
+FAKE = """
+import sys, types
+from mpi4py import MPI
+from valvefsi.errors import *
+build = types.ModuleType("valvefsi.case.build")
+def run_case(case, *, out, resume, comm, progress):
+    {body}
+build.run_case = run_case
+entry = types.SimpleNamespace(quantity="elastic step limit", value=0.0125, unit="s", note="[block]")
+build.plan_case = lambda case, comm: {{"plan": [entry]}}
+sys.modules["valvefsi.case.build"] = build
+from valvefsi.cli import main
+main()
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(case_defaults())
+    return path
+
+
+def alone(comm):
+    return pytest.mark.skipif(comm.size > 1, reason="starts processes of its own")
+
+
+pytestmark = alone(MPI.COMM_WORLD)
+
+
+def test_version_and_module_and_command_agree():
+    by_module = subprocess.run(
+        [sys.executable, "-m", "valvefsi", "--version"], capture_output=True, text=True
+    )
+    assert by_module.stdout == f"valvefsi {valvefsi.__version__}\n"
+    assert python(MAIN, "--version").stdout == by_module.stdout
+
+
+def test_help_imports_nothing_heavy():
+    script = """
+        import sys
+        sys.argv = ["valvefsi", "--help"]
+        try:
+            from valvefsi.cli import main; main()
+        finally:
+            heavy = {"numpy", "pydantic", "pint", "mpi4py", "dolfinx", "ufl", "numba", "gmsh", "matplotlib"}
+            print("loaded:", sorted(heavy & set(sys.modules)))
+        """
+    answer = python(script)
+    assert "bench" in answer.stdout
+    assert "loaded: []" in answer.stdout
+
+
+def test_the_printed_case_can_be_read(tmp_path):
+    answer = RUNNER.invoke(cli.app, ["case", "--defaults"])
+    path = tmp_path / "case.toml"
+    path.write_text(answer.stdout)
+    assert load_case(path).solid[0].name == "block"
+    assert RUNNER.invoke(cli.app, ["case", "--schema"]).stdout.startswith("{")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["run", "{file}", "--set", "fluid.viscosty=1"], "error: --set: fluid.viscosty = 1: unknown key"),
+        (["run", "{file}x"], "error: {file}x: no such case file; did you mean 'case.toml'?"),
+        (["case"], "expected one of --defaults and --schema"),
+        (
+            ["bench", "compression", "--nu-stab", "0.5"],
+            "error: --nu-stab = '0.5': expected a number above -1",
+        ),
+        (["bench", "speed", "--sizes", "3"], "error: --sizes = '3': expected whole numbers"),
+        (["rn"], "No such command"),
+        (["run"], "Missing argument"),
+    ],
+)
+def test_what_the_user_got_wrong_ends_with_2_and_no_traceback(file, arguments, text):
+    script = """
+        import sys, types
+        fake = types.ModuleType("fake"); fake.run = lambda **options: {}
+        import valvefsi.benchmarks
+        for name in ("compression", "speed"):
+            sys.modules[f"valvefsi.benchmarks.{name}"] = fake
+            setattr(valvefsi.benchmarks, name, fake)
+        from valvefsi.cli import main; main()
+        """
+    answer = python(script, *(argument.format(file=file) for argument in arguments))
+    assert answer.returncode == 2
+    assert text.format(file=file) in answer.stderr
+    assert "Traceback" not in answer.stderr
+    if text.startswith("error"):
+        assert answer.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("body", "code", "text"),
+    [
+        ("raise ConvergenceError('no convergence in the load step')", 3, "ConvergenceError: no convergence"),
+        ("raise StabilityError('NaN in u at t = 1 s')", 3, "StabilityError: NaN in u at t = 1 s"),
+        ("raise KeyboardInterrupt", 130, "interrupted"),
+        ("raise Stopped('stopped; go on with --resume', 15)", 143, "go on with --resume"),
+        ("raise RuntimeError('a bug')", 1, "RuntimeError: a bug"),
+        ("return {}", 0, ""),
+    ],
+)
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_each_way_to_end_has_its_code_and_is_said_once(file, body, code, text, ranks):
+    answer = python(FAKE.format(body=body), "run", file, ranks=ranks)
+    assert answer.returncode == code
+    assert answer.stderr.count(text) == 1 or code in (0, 1)
+    assert text in answer.stderr
+    assert ("Traceback" in answer.stderr) == (code == 1)
+
+
+@pytest.mark.parametrize("error", ["RuntimeError", "StabilityError"])
+def test_a_rank_that_fails_alone_does_not_leave_the_others_waiting(file, error):
+    body = f"comm.rank == 1 and (_ for _ in ()).throw({error}('alone')); comm.barrier()"
+    script = FAKE.format(body=body).replace(
+        "from valvefsi.cli import", "from valvefsi import cli; cli.PATIENCE = 0.3\nfrom valvefsi.cli import"
+    )
+    answer = python(script, "run", file, ranks=2)
+    assert answer.returncode != 0
+    assert f"{error}: alone" in answer.stderr
+
+
+def test_only_rank_0_speaks(file):
+    assert python(MAIN, "--version", ranks=2).stdout.count("valvefsi") == 1
+    assert python(MAIN, "run", file, "--set", "a=1", ranks=2).stderr.count("unknown key") == 1
+    assert python(MAIN, "rn", ranks=2).stderr.count("No such command") == 1
+
+
+def test_a_result_is_shown_against_its_reference(file):
+    row = "{'quantity': 'u_y', 'computed': -3.96, 'reference': -3.9212, "
+    row += "'difference_percent': -0.99, 'unit': 'cm'}"
+    timing = "{'wall_s': 12.5, 'phases': {'solve': 3.0}}"
+    body = f"return {{'benchmark': 'b', 'table': [{row}], 'timing': {timing}}}"
+    answer = python(FAKE.format(body=body), "run", file, "--out", "somewhere")
+    line = next(line for line in answer.stdout.splitlines() if "u_y" in line)
+    assert line.split() == ["u_y", "-3.96", "-3.9212", "-0.99", "%", "cm"]
+    assert answer.stdout.splitlines()[-2:] == ["timing.wall_s: 12.5", "results in somewhere"]
+
+
+def test_a_plan_is_shown_and_nothing_is_run(file):
+    plan = python(FAKE.format(body="raise RuntimeError"), "run", file, "--plan")
+    line = next(line for line in plan.stdout.splitlines() if "step limit" in line)
+    assert line.split() == ["elastic", "step", "limit", "0.0125", "s", "[block]"]
+    assert "results in" not in plan.stdout
+
+
+class Rank:
+    size = 2
+
+    def __init__(self, rank):
+        self.rank = rank
+
+
+def shown(monkeypatch, rank=0, terminal=False):
+    clock = iter(range(0, 10000))
+    monkeypatch.setattr(cli.time, "perf_counter", lambda: float(next(clock)))
+    console = Console(file=io.StringIO(), force_terminal=terminal, width=200)
+    with cli.Progress(Rank(rank), "block", console) as progress:
+        for step in range(1, 22):
+            progress(
+                step,
+                0.1 * step,
+                2.1,
+                {"step": step, "t_s": 0.1 * step, "courant": 0.25, "a": 1, "b": 2, "c": 3},
+            )
+    return console.file.getvalue()
+
+
+def test_without_a_terminal_progress_is_a_plain_line_every_few_seconds(monkeypatch):
+    lines = shown(monkeypatch).splitlines()
+    assert len(lines) == 4
+    assert lines[0] == " 28.6 %  t = 0.6 of 2.1 s, step 6, courant 0.25, a 1, b 2, 15 s left"
+    assert lines[-1] == "100.0 %  t = 2.1 of 2.1 s, step 21, courant 0.25, a 1, b 2, done in 20 s"
+    assert shown(monkeypatch, rank=1) == ""
+
+
+def test_on_a_terminal_progress_is_a_bar(monkeypatch):
+    text = shown(monkeypatch, terminal=True)
+    assert "block" in text
+    assert "\x1b[" in text
+    assert "step 21" in text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(3.14, "3.1 s"), (59.4, "59 s"), (61, "1 min 01 s"), (3725, "1 h 02 min"), (None, "unknown time")],
+)
+def test_durations_read_well(seconds, text):
+    assert cli.format_time(seconds) == text

@@ -1,0 +1,47 @@
+"""Every demo runs, is short, and ends by asserting what it claims."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DEMOS = sorted((ROOT / "demos").glob("*.py"))
+CASES = sorted((ROOT / "demos").glob("*.toml"))
+
+pytestmark = pytest.mark.serial
+
+
+def call(command, tmp_path):
+    environment = os.environ | {"VALVEFSI_DEMO_OUT": str(tmp_path / "out"), "MPLBACKEND": "Agg"}
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.mark.parametrize("demo", DEMOS, ids=lambda path: path.stem)
+def test_demo_runs_and_its_claims_hold(demo, tmp_path):
+    done = call([sys.executable, str(demo)], tmp_path)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert list((tmp_path / "out").glob("*.png")), "a demo makes a picture"
+
+
+@pytest.mark.parametrize("demo", DEMOS, ids=lambda path: path.stem)
+def test_demo_is_literate_and_short(demo):
+    lines = demo.read_text().splitlines()
+    assert len(lines) <= 150
+    assert lines[0] == "# %% [markdown]"
+    assert any("Reference" in line for line in lines[:12])
+    assert any("Run time" in line for line in lines[:12])
+    assert any(line.startswith("assert ") for line in lines[-5:])
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda path: path.stem)
+def test_case_of_the_demos_runs(case, tmp_path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "valvefsi", "run", str(case), "--out", str(out), "--set", "time.t_end=1 s"]
+    done = call(command, tmp_path)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert {"history.csv", "histories.png", "flow.png", "summary.json", "case.toml"} <= {p.name for p in out.iterdir()}
