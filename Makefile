@@ -13,7 +13,7 @@ LOGS := build/ranks
 # One thread a rank; the ranks use the cores. A test that hangs (ranks out of step) is ended and shows where.
 export OMP_NUM_THREADS = 1
 export MPLBACKEND = Agg
-PYTEST := $(BIN)/python -m pytest -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
+PYTEST := $(BIN)/python -m pytest --durations=5 -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 
 # Which rank a process is: Hydra (MPICH), Open MPI, PMIx. Rank 0 speaks, the others write to files.
 RANKED = rank=$${PMI_RANK:-$${OMPI_COMM_WORLD_RANK:-$${PMIX_RANK:-0}}}; \

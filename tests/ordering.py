@@ -12,7 +12,10 @@ def assert_order(run: Callable[[int], float], sizes: Sequence[int], *, order: fl
     rates = [
         math.log(errors[k] / errors[k + 1]) / math.log(sizes[k + 1] / sizes[k]) for k in range(len(sizes) - 1)
     ]
-    rows = [f"{n:6d}  {e:.4e}  {r}" for n, e, r in zip(sizes, errors, ["", *(f"{r:.2f}" for r in rates)], strict=True)]
+    rows = [
+        f"{n:6d}  {e:.4e}  {r}"
+        for n, e, r in zip(sizes, errors, ["", *(f"{r:.2f}" for r in rates)], strict=True)
+    ]
     table = "\n".join(["  size  error  rate", *rows])
     assert rates[-1] >= order, f"order {rates[-1]:.3f} is below {order}\n{table}"
     assert errors[-1] <= below, f"error {errors[-1]:.3e} is above {below}\n{table}"

@@ -18,7 +18,9 @@ pytestmark = pytest.mark.serial
 
 def call(command, tmp_path):
     environment = os.environ | {"VALVEFSI_DEMO_OUT": str(tmp_path / "out"), "MPLBACKEND": "Agg"}
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    return subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
 
 
 @pytest.mark.parametrize("demo", DEMOS, ids=lambda path: path.stem)
@@ -41,7 +43,19 @@ def test_demo_is_literate_and_short(demo):
 @pytest.mark.parametrize("case", CASES, ids=lambda path: path.stem)
 def test_case_of_the_demos_runs(case, tmp_path):
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "valvefsi", "run", str(case), "--out", str(out), "--set", "time.t_end=1 s"]
+    command = [
+        sys.executable,
+        "-m",
+        "valvefsi",
+        "run",
+        str(case),
+        "--out",
+        str(out),
+        "--set",
+        "time.t_end=1 s",
+    ]
     done = call(command, tmp_path)
     assert done.returncode == 0, done.stderr[-2000:]
-    assert {"history.csv", "histories.png", "flow.png", "summary.json", "case.toml"} <= {p.name for p in out.iterdir()}
+    assert {"history.csv", "histories.png", "flow.png", "summary.json", "case.toml"} <= {
+        p.name for p in out.iterdir()
+    }

@@ -18,7 +18,9 @@ def largest_speed_after(model, dt, steps=200):
     """March a slightly disturbed block; return the largest speed at the end."""
     state = fsi.initial_state(model, dt)
     phase = 7.0 * model.solids[0].X
-    noise = 1e-3 * np.stack([np.sin(phase[:, 0] + 3 * phase[:, 1]), np.cos(phase[:, 1]), 0 * phase[:, 2]], axis=1)
+    noise = 1e-3 * np.stack(
+        [np.sin(phase[:, 0] + 3 * phase[:, 1]), np.cos(phase[:, 1]), 0 * phase[:, 2]], axis=1
+    )
     state = replace(state, chi=(state.chi[0] + noise,))
     for _ in range(steps):
         state = fsi.step(model, state, dt)

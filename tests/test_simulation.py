@@ -113,7 +113,7 @@ def test_restart_on_another_number_of_ranks_equals_the_uninterrupted_run(first, 
 
 @pytest.mark.skipif(WORLD.size == 1, reason="needs two ranks")
 def test_the_coupled_run_does_not_depend_on_the_number_of_ranks(shared_tmp, uninterrupted):
-    folder, expected = uninterrupted
+    _folder, expected = uninterrupted
     if WORLD.rank == 0:
         sim = simulation(shared_tmp, MPI.COMM_SELF)
         assert largest_gap(whole_state(sim, sim.run().state), expected) < 1e-10
@@ -143,7 +143,9 @@ def test_resuming_without_a_checkpoint_is_an_error(shared_tmp):
 
 
 def test_too_large_a_courant_number_stops_with_the_last_good_state(shared_tmp):
-    with pytest.raises(StabilityError, match=r"Courant number .* at \(.*\) cm, t = .*try a smaller") as caught:
+    with pytest.raises(
+        StabilityError, match=r"Courant number .* at \(.*\) cm, t = .*try a smaller"
+    ) as caught:
         simulation(shared_tmp, cfl_max=5e-3).run()
     check_last_good_state(shared_tmp, caught.value)
 
@@ -168,7 +170,9 @@ def test_a_velocity_that_is_not_finite_is_named(shared_tmp):
     sim = simulation(shared_tmp)
     inner = sim.model.solids[0].force
     sim.model.solids[0].force = lambda chi, U, t: inner(chi, U, t) * (np.nan if t > 0.3 else 1.0)
-    with pytest.raises(StabilityError, match=r"velocity is not finite at .*t = 0\.32 s \(step 16\)") as caught:
+    with pytest.raises(
+        StabilityError, match=r"velocity is not finite at .*t = 0\.32 s \(step 16\)"
+    ) as caught:
         sim.run()
     check_last_good_state(shared_tmp, caught.value)
 

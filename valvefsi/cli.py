@@ -129,12 +129,15 @@ def compression(
         out if out is not None else Path("results") / f"compression-M{elements}-N{grid}-{kernel}-{nu_stab}"
     )
     with Progress(comm, "compressed block") as progress:
-        result = benchmark.run(
+        setup = benchmark.Setup(
             elements=elements,
             grid=grid,
             kernel=kernel,
             nu_stab=_nu_stab(nu_stab),
-            overrides=overrides or [],
+            overrides=overrides or (),
+        )
+        result = benchmark.run(
+            setup,
             out=folder,
             plan=plan,
             resume=resume,

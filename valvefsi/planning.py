@@ -83,12 +83,18 @@ def _memory(model: Model) -> Entry:
     grid = model.grid
     per_cell = 8 * (2 * (2 * grid.dim + 1) + grid.dim + grid.dim + 3)
     ghosted = math.prod(grid.shape)
-    points = sum(len(s.X) * 8 * (2 * 6 * (c.kind[1] + 1) + 15) for s, c in zip(model.solids, model.couplings, strict=True))
+    points = sum(
+        len(s.X) * 8 * (2 * 6 * (c.kind[1] + 1) + 15)
+        for s, c in zip(model.solids, model.couplings, strict=True)
+    )
     here = (ghosted * per_cell + points) / 2**20
     loaded = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     total = grid.comm.allreduce(here + loaded)
     return Entry(
-        quantity="memory, all ranks", value=total, unit="MiB", note=f"{grid.comm.allreduce(here):.0f} MiB of fields"
+        quantity="memory, all ranks",
+        value=total,
+        unit="MiB",
+        note=f"{grid.comm.allreduce(here):.0f} MiB of fields",
     )
 
 
@@ -187,6 +193,11 @@ def _cost(simulation: Simulation) -> list[Entry]:
         times.append(time.perf_counter() - started)
     each = model.grid.comm.bcast(float(np.median(times[1:])))
     return [
-        Entry(quantity="time of a step", value=1e3 * each, unit="ms", note=f"median of {TRIAL_STEPS - 1} trial steps"),
+        Entry(
+            quantity="time of a step",
+            value=1e3 * each,
+            unit="ms",
+            note=f"median of {TRIAL_STEPS - 1} trial steps",
+        ),
         Entry(quantity="expected time", value=each * schedule.num_steps, unit="s", note="without output"),
     ]

@@ -280,6 +280,8 @@ class Timed:
 
 
 class TimedCoupling(Timed):
+    """Stands for a coupling; the transfers it makes are timed too."""
+
     def __init__(self, inner: object, table: dict[str, float]) -> None:
         super().__init__(inner, table, {})
         prepare = self._wrap(inner.at, table, "kernel weights")

@@ -89,10 +89,7 @@ def check_force_and_torque(grid, chi, F, f):
     force, torque = np.zeros(3), np.zeros(3)
     for d in range(grid.dim):
         own = f[d][grid.owned_faces(d)] * grid.cell_volume
-        x = [
-            np.broadcast_to(c, grid.shape)[grid.owned_faces(d)] if c.size > 1 else c
-            for c in grid.points(d)
-        ]
+        x = [np.broadcast_to(c, grid.shape)[grid.owned_faces(d)] if c.size > 1 else c for c in grid.points(d)]
         force[d] += own.sum()
         unit = np.eye(3)[d]
         arm = [(own * (xi if grid.dim == 3 or a < 2 else 0.0)).sum() for a, xi in enumerate(x)]

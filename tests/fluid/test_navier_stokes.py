@@ -55,11 +55,7 @@ def taylor_green(mu):
         )
 
     def pressure(x, y, z, t):
-        return (
-            0.25
-            * np.exp(-16 * PI**2 * mu * t)
-            * (np.cos(4 * PI * (x - t)) + np.cos(4 * PI * (y - t)))
-        )
+        return 0.25 * np.exp(-16 * PI**2 * mu * t) * (np.cos(4 * PI * (x - t)) + np.cos(4 * PI * (y - t)))
 
     return velocity, pressure
 
@@ -120,7 +116,11 @@ def manufactured(mu, dim=2):
     def velocity(x, y, z, t):
         c = np.cos(w * t)
         zero = 0.0 * z
-        return (c * np.sin(a * x) * np.cos(a * y), -c * np.cos(a * x) * np.sin(a * y) + 0.3 * np.sin(w * t) * x**2, zero)
+        return (
+            c * np.sin(a * x) * np.cos(a * y),
+            -c * np.cos(a * x) * np.sin(a * y) + 0.3 * np.sin(w * t) * x**2,
+            zero,
+        )
 
     def force(x, y, z, t):
         c, s = np.cos(w * t), np.sin(w * t)
@@ -160,7 +160,7 @@ def run_manufactured(n, dt, dim=2, t_end=0.5, mu=0.05, periodic_z=False):
 
 
 def manufactured_error(n, dt, **options):
-    grid, fluid, u = run_manufactured(n, dt, **options)
+    grid, _fluid, u = run_manufactured(n, dt, **options)
     velocity = manufactured(0.05)[0]
     return largest_error(grid, u, velocity, 0.5)
 
@@ -180,15 +180,16 @@ def test_moving_walls_converge_with_order_two_in_time_alone():
     def gap(steps):
         u = run_manufactured(32, 0.5 / steps)[2]
         local = max(
-            np.abs((a - b)[grid.owned_faces(d)]).max()
-            for d, (a, b) in enumerate(zip(u, finest, strict=True))
+            np.abs((a - b)[grid.owned_faces(d)]).max() for d, (a, b) in enumerate(zip(u, finest, strict=True))
         )
         return grid.comm.allreduce(local, op=MPI.MAX)
 
     assert_order(gap, (32, 64, 128), order=1.9, below=1e-3)
 
 
-@pytest.mark.parametrize("periodic", [(True, False, False), (False, True, False), (False, False, True), (True,) * 3])
+@pytest.mark.parametrize(
+    "periodic", [(True, False, False), (False, True, False), (False, False, True), (True,) * 3]
+)
 @pytest.mark.parametrize("cells", [(9, 11, 13), (16, 7, 1)])
 def test_divergence_is_round_off_after_a_step_for_every_pair_of_sides(periodic, cells):
     dim = 2 if cells[2] == 1 else 3

@@ -8,6 +8,7 @@ smoothly over the first 40 % of the run; displacement and area are averaged over
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -44,13 +45,28 @@ PARAMETERS = {
 """Default and unit of the parameters that ``--set NAME=value`` reaches; dotted keys reach the whole case."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What is run.
+
+    Attributes:
+        elements: Elements M along the block's 20 cm.
+        grid: Cells N along each edge of the box.
+        kernel: Name of the regularised delta function.
+        nu_stab: Numerical Poisson ratio (S22), None for no volumetric energy.
+        overrides: ``key=value``, a name in `PARAMETERS` or a dotted key of the case.
+    """
+
+    elements: int = 32
+    grid: int = 64
+    kernel: str = "bspline3"
+    nu_stab: float | None = 0.4
+    overrides: Sequence[str] = ()
+
+
 def run(
+    setup: Setup,
     *,
-    elements: int = 32,
-    grid: int = 64,
-    kernel: str = "bspline3",
-    nu_stab: float | None = 0.4,
-    overrides: Sequence[str] = (),
     out: Path = Path("results/compression"),
     plan: bool = False,
     resume: bool = False,
@@ -60,11 +76,7 @@ def run(
     """Run the benchmark.
 
     Args:
-        elements: Elements M along the block's 20 cm.
-        grid: Cells N along each edge of the box.
-        kernel: Name of the regularised delta function.
-        nu_stab: Numerical Poisson ratio (S22), None for no volumetric energy.
-        overrides: ``key=value``, a name in `PARAMETERS` or a dotted key of the case.
+        setup: What is run.
         out: Folder of the results.
         plan: Return the plan only.
         resume: Go on from the last checkpoint in the folder.
@@ -74,10 +86,13 @@ def run(
     Returns:
         The contents of ``result.json``, or ``{"plan": ...}``.
 
+    Raises:
+        CaseError: The setup is not a valid case.
+
     Note:
         Collective.
     """
-    case = compression_case(elements, grid, kernel, nu_stab, overrides)
+    case = compression_case(setup)
     simulation = build(case, out, comm)
     if plan:
         return {"plan": make_plan(simulation)}
@@ -86,41 +101,42 @@ def run(
     outcome = simulation.run(resume=resume, progress=progress)
     result = _result(case, simulation, outcome, reference)
     result["parameters"] = {
-        "elements": elements, "grid": grid, "kernel": kernel, "nu_stab": "off" if nu_stab is None else nu_stab
-    } | _parameters(case)
+        "elements": setup.elements,
+        "grid": setup.grid,
+        "kernel": setup.kernel,
+        "nu_stab": "off" if setup.nu_stab is None else setup.nu_stab,
+        **_parameters(case),
+    }
     write_result(out, result, comm)
     lines = {
         "u_y_top_centre_cm": ("statics", reference["u_y_top_centre_cm"]),
         "block_area_change_percent": ("incompressible", 0.0),
     }
-    simulation.pictures(
-        outcome.state,
-        title=f"Compressed block, {elements} elements, {grid}$^2$ cells, {kernel}",
-        references=lines,
-    )
+    title = f"Compressed block, {setup.elements} elements, {setup.grid}$^2$ cells, {setup.kernel}"
+    simulation.pictures(outcome.state, title=title, references=lines)
     return result
 
 
-def compression_case(
-    elements: int, grid: int, kernel: str, nu_stab: float | None, overrides: Sequence[str] = ()
-) -> Case:
+def compression_case(setup: Setup) -> Case:
     """Return the case of the benchmark, with overrides.
 
     Raises:
         CaseError: An override or the outcome is not a valid case.
     """
     values, dotted = {name: default for name, (default, _) in PARAMETERS.items()}, []
-    for text in overrides:
+    given = dict(split_override(text) for text in setup.overrides)
+    for text in setup.overrides:
         key, value = split_override(text)
         if key in PARAMETERS:
             values[key] = _parse(key, value)
         elif "." in key:
             dotted.append(text)
         else:
-            raise CaseError(f"unknown parameter{nearest(key, PARAMETERS)}", file="--set", key=key, value=value)
-    if "c1" in {split_override(t)[0] for t in overrides} and not any(t.startswith("damping") for t in overrides):
+            known = list(PARAMETERS)
+            raise CaseError(f"unknown parameter{nearest(key, known)}", file="--set", key=key, value=value)
+    if "c1" in given and "damping" not in given:
         values["damping"] = 0.05 * values["c1"]
-    return parse_case(_raw_case(elements, grid, kernel, nu_stab, values), dotted)
+    return parse_case(_raw_case(setup, values), dotted)
 
 
 def _parse(key: str, value: object) -> float:
@@ -132,15 +148,11 @@ def _parse(key: str, value: object) -> float:
         raise CaseError(error.message(), file="--set", key=key, value=value) from None
 
 
-def _raw_case(
-    elements: int, grid: int, kernel: str, nu_stab: float | None, v: Mapping[str, float]
-) -> dict[str, object]:
-    top = ["top_loaded", "top_outer"]
-    tether = {"stiffness": v["tether_stiffness"], "damping": v["tether_damping"]}
-    steps = round(v["t_end"] * grid / (v["dt_per_h"] * 40.0)) if v["dt_per_h"] > 0 else 0
+def _raw_case(setup: Setup, v: Mapping[str, float]) -> dict[str, object]:
+    steps = round(v["t_end"] * setup.grid / (v["dt_per_h"] * 40.0)) if v["dt_per_h"] > 0 else 0
     return {
         "title": "Compressed block (Lee2020, E.1)",
-        "grid": {"lower": [0.0, 0.0], "upper": [40.0, 40.0], "cells": [grid, grid]},
+        "grid": {"lower": [0.0, 0.0], "upper": [40.0, 40.0], "cells": [setup.grid, setup.grid]},
         "fluid": {"density": v["rho"], "viscosity": v["mu"]},
         "time": {"dt_per_h": v["dt_per_h"], "t_end": v["t_end"]},
         "output": {
@@ -148,35 +160,38 @@ def _raw_case(
             "frames": 20,
             "checkpoint_every": max(1, steps // 4),
         },
-        "solid": [
+        "solid": [_raw_block(setup, v)],
+    }
+
+
+def _raw_block(setup: Setup, v: Mapping[str, float]) -> dict[str, object]:
+    tether = {"stiffness": v["tether_stiffness"], "damping": v["tether_damping"]}
+    return {
+        "name": "block",
+        "mesh": {
+            "shape": "compressed_block",
+            "lower": [10.0, 15.0],
+            "size": [20.0, 10.0],
+            "elements": [setup.elements, setup.elements // 2],
+            "load_width": 10.0,
+        },
+        "kernel": setup.kernel,
+        "damping": v["damping"],
+        "nu_stab": "off" if setup.nu_stab is None else setup.nu_stab,
+        "material": {"model": "neo_hookean", "c1": v["c1"]},
+        "tether": [
+            {"on": ["bottom"], "components": ["y"], **tether},
+            {"on": ["top_loaded", "top_outer"], "components": ["x"], **tether},
+        ],
+        "load": [
             {
-                "name": "block",
-                "mesh": {
-                    "shape": "compressed_block",
-                    "lower": [10.0, 15.0],
-                    "size": [20.0, 10.0],
-                    "elements": [elements, elements // 2],
-                    "load_width": 10.0,
-                },
-                "kernel": kernel,
-                "damping": v["damping"],
-                "nu_stab": "off" if nu_stab is None else nu_stab,
-                "material": {"model": "neo_hookean", "c1": v["c1"]},
-                "tether": [
-                    {"on": ["bottom"], "components": ["y"], **tether},
-                    {"on": top, "components": ["x"], **tether},
-                ],
-                "load": [
-                    {
-                        "on": ["top_loaded"],
-                        "traction": [0.0, -v["traction"]],
-                        "ramp": RAMP * v["t_end"],
-                        "ramp_shape": "smooth",
-                    }
-                ],
-                "probe": [{"name": "top_centre", "at": [20.0, 25.0]}],
+                "on": ["top_loaded"],
+                "traction": [0.0, -v["traction"]],
+                "ramp": RAMP * v["t_end"],
+                "ramp_shape": "smooth",
             }
         ],
+        "probe": [{"name": "top_centre", "at": [20.0, 25.0]}],
     }
 
 
@@ -218,7 +233,9 @@ def _result(
     u_y, known = quantities["u_y_top_centre_cm"], reference["u_y_top_centre_cm"]
     table = [
         row("u_y of the top centre", u_y, known, "mixed u-p statics, same mesh, this run", unit="cm"),
-        row("area change", quantities["area_change_percent"], 0.0, "incompressible", unit="%", relative=False),
+        row(
+            "area change", quantities["area_change_percent"], 0.0, "incompressible", unit="%", relative=False
+        ),
         row("smallest J", quantities["J_min"], unit="", source="1 when incompressible"),
         row("largest J", quantities["J_max"], unit="", source="1 when incompressible"),
     ]

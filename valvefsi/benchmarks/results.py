@@ -24,12 +24,9 @@ def environment(comm: MPI.Comm) -> dict[str, object]:
             versions[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    try:
-        import dolfinx
+    from valvefsi.dolfinx_compat import RELEASE
 
-        versions["fenics-dolfinx"] = dolfinx.__version__
-    except ImportError:
-        pass
+    versions["fenics-dolfinx"] = RELEASE
     return {
         "versions": versions,
         "platform": platform.platform(),

@@ -70,7 +70,7 @@ def run(
     }
     write_result(out, result, comm)
     if comm.rank == 0:
-        from valvefsi.io.bars import phase_bars
+        from valvefsi.io.plots import phase_bars
 
         heading = f"One fluid step on {comm.size} rank{'s' * (comm.size > 1)}"
         phase_bars(Path(out) / "speed.png", {f"{g['N']}^{dim}": g["phases_ms"] for g in grids}, title=heading)

@@ -10,6 +10,8 @@ In parallel every rank holds whole lines of axis 2, and two transposes give it w
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import scipy.fft
 from mpi4py import MPI
@@ -163,8 +165,8 @@ class Transpose:
 
     def __init__(self, comm: MPI.Comm, gathered: int, bounds: Array, divided: int, new_bounds: Array) -> None:
         self.comm, self.gathered, self.divided = comm, gathered, divided
-        self.gathered_slices = [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
-        self.divided_slices = [slice(a, b) for a, b in zip(new_bounds[:-1], new_bounds[1:], strict=True)]
+        self.gathered_slices = [slice(a, b) for a, b in itertools.pairwise(bounds)]
+        self.divided_slices = [slice(a, b) for a, b in itertools.pairwise(new_bounds)]
 
     def forward(self, x: Array) -> Array:
         """Gather the one axis and divide the other. Collective."""
