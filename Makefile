@@ -9,8 +9,8 @@ MPIRUN := $(BIN)/mpirun
 STAMP := .venv/ready
 LOGS := build/ranks
 
-# PATH in test and test-slow: tests that start mpirun or valvefsi must get those of .venv.
 # One thread a rank; the ranks use the cores. A test that hangs (ranks out of step) is ended and shows where.
+# PATH in test and test-slow: tests that start mpirun or valvefsi must get those of .venv.
 export OMP_NUM_THREADS = 1
 export MPLBACKEND = Agg
 PYTEST := $(BIN)/python -m pytest --durations=5 -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true

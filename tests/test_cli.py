@@ -114,7 +114,7 @@ def test_the_printed_case_can_be_read(tmp_path):
 def test_what_the_user_got_wrong_ends_with_2_and_no_traceback(file, arguments, text):
     script = """
         import sys, types
-        fake = types.ModuleType("fake"); fake.run = lambda **options: {}
+        fake = types.ModuleType("fake"); fake.run = fake.Setup = lambda *given, **options: {}
         import valvefsi.benchmarks
         for name in ("compression", "speed"):
             sys.modules[f"valvefsi.benchmarks.{name}"] = fake

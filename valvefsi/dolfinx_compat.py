@@ -117,3 +117,15 @@ def evaluate(
     """Evaluate a compiled expression in ``cells``; ``(num_cells, num_points * value_size)``."""
     cells = np.asarray(cells, dtype=np.int32)
     return np.asarray(expression.eval(mesh, cells)).reshape(len(cells), -1)
+
+
+def pack_constants(form: fem.Form) -> NDArray[np.float64]:
+    """Return the values of a form's constants (a function of ``fem`` since 0.10)."""
+    return fem.pack_constants(form) if VERSION >= (0, 10) else dolfinx.cpp.fem.pack_constants(form._cpp_object)
+
+
+def pack_coefficients(form: fem.Form) -> dict[tuple[object, int], NDArray[np.float64]]:
+    """Return the values of a form's coefficients (a function of ``fem`` since 0.10)."""
+    if VERSION >= (0, 10):
+        return fem.pack_coefficients(form)
+    return dolfinx.cpp.fem.pack_coefficients(form._cpp_object)

@@ -50,7 +50,7 @@ class Elasticity:
         dX = ufl.dx(domain=self.mesh, degree=quadrature_degree)
         test = ufl.TestFunction(space)
         self._force_form = compat.compile_form(-ufl.inner(ufl.diff(W, F), ufl.grad(test)) * dX)
-        self._constants = fem.pack_constants(self._force_form)
+        self._constants = compat.pack_constants(self._force_form)
         self._energy_form = compat.compile_form(W * dX)
         self._residual = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
         self._num_owned = space.dofmap.index_map.size_local
@@ -89,7 +89,7 @@ class Elasticity:
         self.set_position(chi)
         array = self._residual.array
         array[:] = 0.0
-        coefficients = fem.pack_coefficients(self._force_form)
+        coefficients = compat.pack_coefficients(self._force_form)
         fem.assemble_vector(array, self._force_form, self._constants, coefficients)
         if self._parallel:
             self._residual.scatter_reverse(la.InsertMode.add)

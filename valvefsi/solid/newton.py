@@ -42,7 +42,6 @@ class Newton:
         self._snes.setFunction(self._assemble_residual, self._b)
         self._snes.setJacobian(self._assemble_tangent, self._A)
         self._snes.setType("newtonls")
-        self._snes.getLineSearch().setType("bt")
         ksp = self._snes.getKSP()
         ksp.setType("preonly")
         ksp.setOperators(self._A)
