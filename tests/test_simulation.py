@@ -137,6 +137,15 @@ def test_a_signal_to_any_rank_writes_a_checkpoint_and_says_how_to_resume(number,
     assert largest_gap(whole_state(sim, outcome.state), expected) < 1e-12
 
 
+def test_an_unfinished_run_is_not_overwritten_but_a_finished_one_is(shared_tmp):
+    with pytest.raises(StopIteration):
+        simulation(shared_tmp, checkpoint_every=5).run(progress=stop_after(7))
+    with pytest.raises(CaseError, match=r"not finished \(t = 0\.1 s\); --resume"):
+        simulation(shared_tmp).run()
+    simulation(shared_tmp).run(resume=True)
+    assert simulation(shared_tmp).run().steps == STEPS
+
+
 def test_resuming_without_a_checkpoint_is_an_error(shared_tmp):
     with pytest.raises(CaseError, match="no whole checkpoint"):
         simulation(shared_tmp / "empty").run(resume=True)

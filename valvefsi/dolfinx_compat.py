@@ -121,7 +121,9 @@ def evaluate(
 
 def pack_constants(form: fem.Form) -> NDArray[np.float64]:
     """Return the values of a form's constants (a function of ``fem`` since 0.10)."""
-    return fem.pack_constants(form) if VERSION >= (0, 10) else dolfinx.cpp.fem.pack_constants(form._cpp_object)
+    return (
+        fem.pack_constants(form) if VERSION >= (0, 10) else dolfinx.cpp.fem.pack_constants(form._cpp_object)
+    )
 
 
 def pack_coefficients(form: fem.Form) -> dict[tuple[object, int], NDArray[np.float64]]:

@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import diagnostics
+from valvefsi.errors import CaseError
 from valvefsi.fsi import Model, State
 from valvefsi.grid import Array
 from valvefsi.io import checkpoint
@@ -55,8 +56,8 @@ class Output:
     provenance: Mapping[str, object] = field(default_factory=dict)
 
 
-def save_state(model: Model, state: State, output: Output) -> Path:
-    """Write a checkpoint of a state. Collective."""
+def save_state(model: Model, state: State, output: Output, *, finished: bool = False) -> Path:
+    """Write a checkpoint of a state, with a note whether the run is finished with it. Collective."""
     grid = model.grid
     fields = {"p": checkpoint.Block(grid_part(state.p, grid.owned), grid.start, grid.cells)}
     for d in range(grid.dim):
@@ -69,7 +70,8 @@ def save_state(model: Model, state: State, output: Output) -> Path:
         f"chi_{k}_{solid.name}": checkpoint.Rows(chi, solid.ids, solid.num_nodes)
         for k, (solid, chi) in enumerate(zip(model.solids, state.chi, strict=True))
     }
-    meta = {"t": state.t, "step": state.step, "dt": state.dt, "provenance": dict(output.provenance)}
+    meta = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
+    meta["provenance"] = dict(output.provenance)
     folder = output.directory / "checkpoints"
     return checkpoint.save(folder, state.step, fields, rows, meta, grid.comm, keep=output.keep_checkpoints)
 
@@ -101,6 +103,18 @@ def load_state(model: Model, output: Output) -> State | None:
         N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),
         chi=tuple(points[name] for name in names),
     )
+
+
+def refuse_to_overwrite(model: Model, output: Output) -> None:
+    """Raise CaseError where the folder holds a run that was not finished: a new one would remove it. Collective."""
+    folder = output.directory / "checkpoints"
+    meta = checkpoint.newest_meta(folder, model.grid.comm)
+    if meta is not None and not meta.get("finished"):
+        raise CaseError(
+            f"this folder holds a run that is not finished (t = {meta['t']:.6g} s); --resume goes on with it, "
+            "another --out or removing the folder starts anew",
+            file=output.directory,
+        )
 
 
 def grid_part(array: Array, place: tuple[slice, ...]) -> Array:

@@ -17,7 +17,7 @@ from valvefsi import diagnostics, fsi
 from valvefsi.errors import CaseError, StabilityError, Stopped
 from valvefsi.fsi import Model, State
 from valvefsi.grid import MacGrid
-from valvefsi.recording import Output, Recorder, load_state, save_state
+from valvefsi.recording import Output, Recorder, load_state, refuse_to_overwrite, save_state
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
 
@@ -95,7 +95,7 @@ class Simulation:
             progress: Called with step, time, end and the newest row of the history.
 
         Raises:
-            CaseError: There is no checkpoint to resume from.
+            CaseError: There is no checkpoint to resume from, or one of an unfinished run would be overwritten.
             StabilityError: A velocity is not finite, the Courant number is too large, an element is inverted, or
                 a node is lost; the last good state has been written.
             Stopped: SIGTERM or SIGINT arrived; a checkpoint has been written.
@@ -112,7 +112,7 @@ class Simulation:
             state = self._march(state, recorder, received, progress)
         wall = time.perf_counter() - started
         with self._clock("output"):
-            save_state(self.model, state, self.output)
+            save_state(self.model, state, self.output, finished=True)
         return Outcome(state=state, steps=state.step - first, wall_s=wall, phases=dict(self.phases))
 
     def pictures(
@@ -137,6 +137,7 @@ class Simulation:
 
     def _first_state(self, resume: bool) -> State:
         if not resume:
+            refuse_to_overwrite(self.model, self.output)
             return self.initial or fsi.initial_state(self.model, self.schedule.dt)
         state = load_state(self.model, self.output)
         if state is None:

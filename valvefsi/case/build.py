@@ -117,7 +117,11 @@ def _boundary(case: Case, grid: MacGrid) -> Boundary:
 def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
     """Mesh one solid of a case and build it. Collective."""
     given = case.solid[number]
-    mesh = build_mesh(given.mesh, case.file, comm)
+    try:
+        mesh = build_mesh(given.mesh, case.file, comm)
+    except CaseError as error:
+        key = f"solid.{given.name}.mesh" + (f".{error.key}" if error.key else "")
+        raise CaseError(error.reason, file=error.file or case.file, key=key, value=error.value) from None
     x = mesh.mesh.geometry.x
     bounds = np.concatenate([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
     comm.Allreduce(MPI.IN_PLACE, bounds, op=MPI.MIN)

@@ -167,6 +167,15 @@ def list_checkpoints(directory: Path) -> list[Path]:
     return sorted(Path(directory).glob("step_*.vfc"), key=lambda path: int(path.stem.removeprefix("step_")))
 
 
+def newest_meta(directory: Path, comm: MPI.Comm) -> dict[str, object] | None:
+    """Return what the newest file with a readable header was given as meta, None where there is none (collective)."""
+    meta = None
+    if comm.rank == 0:
+        headers = (_read_header(path)[0] for path in reversed(list_checkpoints(directory)))
+        meta = next((header["meta"] for header in headers if header), None)
+    return comm.bcast(meta, root=0)
+
+
 @dataclass(frozen=True)
 class _Part:
     """This rank's part of one array: its words in the order of the file, and where they go."""
