@@ -122,9 +122,7 @@ def test_a_step_of_another_length_stays_second_order(ratio):
     def gap(n):
         dt = 0.04 / n
         one, many = end(dt, 1), end(dt, 64)
-        local = max(
-            np.abs(a - b)[model.grid.owned].max() for a, b in zip(one.u, many.u, strict=True)
-        )
+        local = max(np.abs(a - b)[model.grid.owned].max() for a, b in zip(one.u, many.u, strict=True))
         return WORLD.allreduce(local, op=MPI.MAX)
 
     assert_order(gap, (1, 2, 4), order=2.5, below=1e-3)
@@ -141,7 +139,9 @@ def test_the_state_that_goes_in_is_not_changed():
         chi=tuple(c.copy() for c in state.chi),
     )
     first = fsi.step(model, state, 2e-3)
-    for before, after in zip((*copy.u, *copy.N, copy.p, *copy.chi), (*state.u, *state.N, state.p, *state.chi), strict=True):
+    for before, after in zip(
+        (*copy.u, *copy.N, copy.p, *copy.chi), (*state.u, *state.N, state.p, *state.chi), strict=True
+    ):
         np.testing.assert_array_equal(before, after)
     again = fsi.step(model, state, 2e-3)
     np.testing.assert_array_equal(first.chi[0], again.chi[0])
