@@ -27,9 +27,15 @@ LAYERS = [
 ]
 LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
 
-KERNELS = ("fluid/stencils.py", "fluid/advection.py", "fluid/*kernels*.py", "coupling/kernels.py")
+KERNELS = (
+    "fluid/stencils.py",
+    "fluid/advection.py",
+    "fluid/*kernels*.py",
+    "coupling/kernels.py",
+    "solid/*kernels*.py",
+)
 FORMS = ("solid/*", "io/*", "geometry/*", "dolfinx_compat.py")
-BORDER = ("case.py", "case/*", "cli.py")
+BORDER = ("case.py", "case/*", "cli.py", "cli/*")
 FENCES = {
     **dict.fromkeys(("ufl", "dolfinx", "basix", "ffcx"), FORMS),
     "petsc4py": (*FORMS, "fluid/*"),

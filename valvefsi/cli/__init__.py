@@ -1,0 +1,117 @@
+"""The commands: run a case, print the keys of case files, run benchmarks.
+
+Exit codes: 0 done, 2 a case or an option cannot be used, 3 the run failed (ConvergenceError, StabilityError),
+130 interrupted, 143 terminated, 1 anything else. In a parallel run rank 0 speaks for all. What computes is
+imported by the command that needs it, so that ``--help`` is quick.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import traceback
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, NoReturn
+
+import typer
+
+from valvefsi import __version__
+from valvefsi.cli.bench import bench
+from valvefsi.cli.options import HELP
+from valvefsi.cli.run import case, run
+from valvefsi.errors import CaseError, Stopped, ValvefsiError
+
+PATIENCE, GRACE = 5.0, 0.5
+INTERRUPTED = 130
+RANK_VARIABLES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK", "MPI_RANKID")
+
+# typer uses click, or brings its own copy of it, depending on the release.
+USAGE_ERROR = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+
+app = typer.Typer(
+    help="Heart-valve mechanics from bench data to a verified simulation.",
+    epilog="In parallel: mpirun -n 2 valvefsi run CASE.toml",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    **HELP,
+)
+app.command()(run)
+app.command()(case)
+app.add_typer(bench, name="bench")
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False,
+) -> None:
+    if version:
+        typer.echo(f"valvefsi {__version__}")
+        raise typer.Exit
+
+
+def main() -> NoReturn:
+    """Run the command line and leave with its exit code."""
+    if _launched_rank() > 0:
+        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - open until the process ends
+    code = 0
+    try:
+        code = app(standalone_mode=False) or 0
+        if code == INTERRUPTED:  # some releases of typer turn Ctrl-C into this code, others raise Abort
+            raise typer.Abort
+    except Stopped as stop:
+        code = 128 + stop.signal
+        _leave_together(str(stop), code)
+    except CaseError as error:
+        code = 2
+        _leave_together(f"error: {error}", code)
+    except ValvefsiError as error:
+        code = 3
+        _leave_together(f"{type(error).__name__}: {error}", code)
+    except USAGE_ERROR as error:
+        code = error.exit_code
+        if _launched_rank() == 0:
+            error.show()
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+        _leave_together("interrupted", code)
+    except Exception:
+        sys.excepthook = _abort_all  # here, because typer sets its own
+        raise
+    sys.exit(code)
+
+
+def _launched_rank() -> int:
+    """Return this process' rank without starting MPI, from what the launcher says."""
+    mpi = sys.modules.get("mpi4py.MPI")
+    if mpi is not None:
+        return mpi.COMM_WORLD.rank
+    values = (os.environ.get(name, "") for name in RANK_VARIABLES)
+    return next((int(value) for value in values if value.isdigit()), 0)
+
+
+def _leave_together(message: str, code: int) -> None:
+    """Say why on rank 0 when all ranks leave for the same reason; when one leaves alone, end the others."""
+    mpi = sys.modules.get("mpi4py.MPI")
+    comm = mpi.COMM_WORLD if mpi is not None else None
+    alone = False
+    if comm is not None and comm.size > 1:
+        request, end = comm.Ibarrier(), time.monotonic() + PATIENCE
+        while not (done := request.Test()) and time.monotonic() < end:
+            time.sleep(0.01)
+        alone = not done
+    if alone or _launched_rank() == 0:
+        print(f"rank {comm.rank}: {message}" if alone else message, file=sys.stderr, flush=True)
+    if alone:
+        comm.Abort(code)
+
+
+def _abort_all(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Print a traceback and end all ranks: one that fails alone would leave the others waiting."""
+    sys.stderr.write("".join(traceback.format_exception(kind, error, trace)))
+    sys.stderr.flush()
+    mpi = sys.modules.get("mpi4py.MPI")
+    if mpi is not None and mpi.COMM_WORLD.size > 1:
+        time.sleep(GRACE)  # so that the launcher has passed on what this rank and others had to say
+        mpi.COMM_WORLD.Abort(1)

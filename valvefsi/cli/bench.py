@@ -1,0 +1,92 @@
+"""``valvefsi bench``: published benchmarks and the speed of this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from valvefsi.cli.options import HELP, Out, Plan, Resume, Set
+from valvefsi.cli.progress import Progress
+from valvefsi.cli.tables import show_result
+from valvefsi.errors import CaseError
+
+bench = typer.Typer(help="Run a published benchmark and compare.", **HELP)
+
+
+@bench.command()
+def compression(
+    elements: Annotated[int, typer.Option(min=2, help="Elements along the block's 20 cm.")] = 32,
+    grid: Annotated[int, typer.Option(min=4, help="Cells along each edge of the box.")] = 64,
+    kernel: Annotated[str, typer.Option(help="Kernel of the coupling.")] = "bspline3",
+    nu_stab: Annotated[
+        str,
+        typer.Option("--nu-stab", metavar="V|off", help="Numerical Poisson ratio of the volumetric term."),
+    ] = "0.4",
+    overrides: Set = None,
+    out: Out = None,
+    plan: Plan = False,
+    resume: Resume = False,
+) -> None:
+    """Benchmark E.1: a block compressed by a load, immersed, against the incompressible statics."""
+    from mpi4py import MPI
+
+    from valvefsi.benchmarks import compression as benchmark
+
+    comm = MPI.COMM_WORLD
+    folder = (
+        out if out is not None else Path("results") / f"compression-M{elements}-N{grid}-{kernel}-{nu_stab}"
+    )
+    with Progress(comm, "compressed block") as progress:
+        setup = benchmark.Setup(
+            elements=elements,
+            grid=grid,
+            kernel=kernel,
+            nu_stab=_nu_stab(nu_stab),
+            overrides=overrides or (),
+        )
+        result = benchmark.run(
+            setup,
+            out=folder,
+            plan=plan,
+            resume=resume,
+            comm=comm,
+            progress=progress,
+        )
+    show_result(result, comm, None if plan else folder)
+
+
+@bench.command()
+def speed(
+    size: Annotated[
+        str, typer.Option("--sizes", metavar="N,N", help="Cells per edge, one or several.")
+    ] = "64,128",
+    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimensions.")] = 3,
+    steps: Annotated[int, typer.Option(min=1, help="Steps that are timed.")] = 5,
+    overrides: Set = None,
+    out: Out = None,
+) -> None:
+    """Time a step of the fluid against a pair of cosine transforms of the same grid."""
+    from mpi4py import MPI
+
+    from valvefsi.benchmarks import speed as benchmark
+
+    if not all(part.strip().isdigit() and int(part) >= 4 for part in size.split(",")):
+        raise CaseError("expected whole numbers of at least 4, such as 64,128", key="--sizes", value=size)
+    sizes = [int(part) for part in size.split(",")]
+    comm, folder = MPI.COMM_WORLD, out if out is not None else Path("results") / "speed"
+    result = benchmark.run(
+        sizes=sizes, dim=dim, steps=steps, out=folder, overrides=overrides or [], comm=comm
+    )
+    show_result(result, comm, folder)
+
+
+def _nu_stab(text: str) -> float | None:
+    try:
+        value = None if text == "off" else float(text)
+    except ValueError:
+        value = float("nan")
+    if value is not None and not -1 < value < 0.5:
+        raise CaseError('expected a number above -1 and below 0.5, or "off"', key="--nu-stab", value=text)
+    return value

@@ -1,0 +1,109 @@
+"""Progress of a run: a bar on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from valvefsi.cli.tables import number
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+    from rich.console import Console
+
+PLAIN_INTERVAL, LIVE_INTERVAL = 5.0, 0.1
+SHOWN = 3
+
+
+class Progress:
+    """Shows steps, simulated time and time left; a simulation calls it after every step.
+
+    On a terminal a bar, elsewhere (a file, mpirun) a plain line every few seconds, on rank 0.
+
+    Args:
+        comm: Communicator of the run.
+        title: What is being run.
+        console: Where to, standard output if left out.
+    """
+
+    def __init__(self, comm: MPI.Comm, title: str, console: Console | None = None) -> None:
+        self.comm, self.title, self.console = comm, title, console
+        self.live = self.task = self.first = None
+        self.due = 0.0
+
+    def __enter__(self) -> Progress:
+        """Return itself; nothing is shown before the first step."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Take the bar away from the cursor."""
+        if self.live is not None:
+            self.live.stop()
+
+    def __call__(self, step: int, t: float, t_end: float, info: Mapping[str, object] | None = None) -> None:
+        """Show how far the run is.
+
+        Args:
+            step: Steps taken.
+            t: Simulated time [s].
+            t_end: End of the run [s].
+            info: What else is worth a look, by name.
+        """
+        if self.comm.rank != 0:
+            return
+        now = time.perf_counter()
+        if self.first is None:
+            self.first = (now, t, step)
+            self._open()
+        elif now < self.due and t < t_end:
+            return
+        self.due = now + (PLAIN_INTERVAL if self.live is None else LIVE_INTERVAL)
+        wall, simulated = now - self.first[0], t - self.first[1]
+        left = wall * (t_end - t) / simulated if simulated > 0 else None
+        share = t / t_end if t_end > 0 else 1.0
+        numbers = f"t = {t:.4g} of {t_end:g} s, step {step}"
+        more = "".join(f", {name} {number(value)}" for name, value in _newest(info or {}))
+        if self.live is not None:
+            self.live.update(self.task, completed=share, text=f"{numbers}{more}", left=format_time(left))
+        elif left is not None or share >= 1:
+            end = f"{format_time(left)} left" if share < 1 else f"done in {format_time(wall)}"
+            self.console.print(
+                f"{100 * share:5.1f} %  {numbers}{more}, {end}", highlight=False, soft_wrap=True
+            )
+            self.console.file.flush()
+
+    def _open(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+        from rich.progress import Progress as Bars
+
+        self.console = self.console or Console()
+        if not self.console.is_terminal:
+            return
+        title, text, left = (
+            TextColumn(style)
+            for style in ("[bold]{task.description}", "{task.fields[text]}", "[cyan]{task.fields[left]} left")
+        )
+        self.live = Bars(title, BarColumn(), TaskProgressColumn(), text, left, console=self.console)
+        self.task = self.live.add_task(self.title, total=1.0, text="", left="...")
+        self.live.start()
+
+
+def _newest(info: Mapping[str, object]) -> list[tuple[str, object]]:
+    """Return the first few columns of a row of the history after step and time."""
+    return [(name, value) for name, value in info.items() if name not in ("step", "t_s")][:SHOWN]
+
+
+def format_time(seconds: float | None) -> str:
+    """Return a duration as people say it."""
+    if seconds is None:
+        return "unknown time"
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, seconds = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {seconds:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"

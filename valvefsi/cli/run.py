@@ -1,0 +1,54 @@
+"""``valvefsi run`` and ``valvefsi case``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from valvefsi.cli.options import Out, Plan, Resume, Set
+from valvefsi.cli.progress import Progress
+from valvefsi.cli.tables import show_result
+from valvefsi.errors import CaseError
+
+
+def run(
+    case: Annotated[Path, typer.Argument(metavar="CASE.toml", help="The case file.")],
+    out: Out = None,
+    resume: Resume = False,
+    overrides: Set = None,
+    plan: Plan = False,
+) -> None:
+    """Run a case; the results go to results/NAME of the case file unless --out says otherwise."""
+    from mpi4py import MPI
+
+    from valvefsi.case import load_case
+
+    loaded = load_case(case, overrides or [])
+    from valvefsi.case.build import plan_case, run_case
+
+    comm = MPI.COMM_WORLD
+    if plan:
+        show_result(plan_case(loaded, comm), comm)
+        return
+    folder = out if out is not None else Path("results") / case.stem
+    with Progress(comm, loaded.title or case.stem) as progress:
+        result = run_case(loaded, out=folder, resume=resume, comm=comm, progress=progress)
+    show_result(result, comm, folder)
+
+
+def case(
+    defaults: Annotated[
+        bool, typer.Option("--defaults", help="A whole case with every key, as TOML.")
+    ] = False,
+    schema: Annotated[bool, typer.Option("--schema", help="The JSON schema of case files.")] = False,
+) -> None:
+    """Print what a case file may hold."""
+    if defaults == schema:
+        raise CaseError("expected one of --defaults and --schema", file="valvefsi case")
+    import json
+
+    from valvefsi.case import case_defaults, case_schema
+
+    typer.echo(case_defaults() if defaults else json.dumps(case_schema(), indent=2), nl=schema)

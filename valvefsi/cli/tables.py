@@ -1,0 +1,77 @@
+"""Results on the terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+    from rich.console import Console
+
+WIDE = 120
+
+
+def show_result(result: Mapping[str, Any], comm: MPI.Comm, folder: Path | None = None) -> None:
+    """Print a result on rank 0: its plan or its table of what is compared, else everything by name."""
+    if comm.rank != 0 or not result:
+        return
+    from rich.console import Console
+
+    console = Console(width=None if sys.stdout.isatty() else WIDE)
+    rest = dict(result.get("timing", {}))
+    if "plan" in result:
+        rows = [(e.quantity, number(e.value), e.unit, e.note) for e in result["plan"]]
+        print_table(console, "plan", {"quantity": "left", "value": "right", "unit": "left", "": "left"}, rows)
+    elif "table" in result:
+        rows = [_compared(row) for row in result["table"]]
+        headings = {"quantity": "left", "computed": "right", "reference": "right", "difference": "right"}
+        print_table(
+            console, str(result.get("benchmark", "result")), {**headings, "unit": "left", "": "left"}, rows
+        )
+    else:
+        rest = result
+    for name, value in _flat(rest):
+        if not name.startswith(("phases.", "timing.phases.")):
+            console.print(f"{name}: {value}", highlight=False, soft_wrap=True, markup=False)
+    if folder is not None:
+        console.print(f"results in {folder}", highlight=False, soft_wrap=True, markup=False)
+
+
+def _compared(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the cells of one line of a benchmark's table."""
+    difference, reference = row.get("difference_percent"), row.get("reference")
+    known = "" if reference is None else number(reference)
+    shown = "" if difference is None else f"{difference:+.2f} %"
+    return row["quantity"], number(row["computed"]), known, shown, row.get("unit", ""), row.get("source", "")
+
+
+def print_table(
+    console: Console, title: str, columns: Mapping[str, str], rows: list[tuple[str, ...]]
+) -> None:
+    """Print a table; ``columns`` gives the side that each heading's cells lean to."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for heading, side in columns.items():
+        table.add_column(heading, justify=side)
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    console.print(table)
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    lines = []
+    for name, value in values.items():
+        key = f"{prefix}{name}"
+        lines += _flat(value, f"{key}.") if isinstance(value, Mapping) else [(key, number(value))]
+    return lines
+
+
+def number(value: object) -> str:
+    """Return a value in few digits."""
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
