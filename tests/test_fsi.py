@@ -14,7 +14,7 @@ from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
-from valvefsi.geometry.shapes import rectangle
+from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.grid import MacGrid
 from valvefsi.solid.loads import DeadLoad, Ramp
 from valvefsi.solid.materials import NeoHookean
@@ -145,3 +145,34 @@ def test_the_state_that_goes_in_is_not_changed():
         np.testing.assert_array_equal(before, after)
     again = fsi.step(model, state, 2e-3)
     np.testing.assert_array_equal(first.chi[0], again.chi[0])
+
+
+def soft_cube(c1=4.0, mu=0.05):
+    """A soft cube of hexahedra in a periodic box, three dimensions."""
+    mesh = box(WORLD, lower=(0.3,) * 3, size=(0.4,) * 3, elements=(4,) * 3)
+    discretisation = Discretisation(kernel="bspline3")
+    solid = Structure(mesh, NeoHookean(c1=c1), name="cube", nu_stab=0.4, discretisation=discretisation)
+    grid = MacGrid([0] * 3, [1] * 3, [12] * 3, [True] * 3)
+    fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=mu)
+    return Model(grid=grid, fluid=fluid, solids=(solid,), couplings=(Coupling(grid, "bspline3"),))
+
+
+def test_a_stress_free_cube_drifts_with_the_stream():
+    model = soft_cube()
+    u = tuple(np.full(model.grid.shape, v) for v in (0.7, -0.2, 0.4))
+    state = march(model, 0.02, 50, u)[-1]
+    np.testing.assert_allclose(state.chi[0], model.solids[0].X + np.array([0.7, -0.2, 0.4]), atol=1e-11)
+
+
+def test_energy_decays_and_volume_is_kept_in_three_dimensions():
+    model = soft_cube()
+    u = model.grid.zero_faces()
+    for d, (a, b) in enumerate(((1, 2), (2, 0), (0, 1))):
+        points = model.grid.points(d)
+        u[d][...] = 0.5 * (np.sin(2 * np.pi * points[a]) + np.cos(2 * np.pi * points[b]))
+    states = march(model, 4e-3, 50, u)
+    solid = model.solids[0]
+    energy = [diagnostics.kinetic_energy(model.grid, s.u, 1.0) + solid.energy(s.chi[0]) for s in states]
+    assert np.all(np.diff(energy) < 0)
+    assert WORLD.allreduce(np.abs(states[-1].chi[0] - solid.X).max(initial=0.0), op=MPI.MAX) > 0.02
+    assert abs(solid.volume(states[-1].chi[0]) / solid.reference_volume - 1) < 5e-3

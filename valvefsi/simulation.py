@@ -16,7 +16,7 @@ from mpi4py import MPI
 from valvefsi import diagnostics, fsi
 from valvefsi.errors import CaseError, StabilityError, Stopped
 from valvefsi.fsi import Model, State
-from valvefsi.grid import MacGrid
+from valvefsi.grid import Array, MacGrid
 from valvefsi.recording import Output, Recorder, load_state, refuse_to_overwrite, save_state
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
@@ -218,13 +218,24 @@ class Simulation:
         return int(stop)
 
     def _check_elements(self, row: dict[str, float], state: State) -> None:
-        for solid in self.model.solids:
+        for solid, chi in zip(self.model.solids, state.chi, strict=True):
             smallest = row[f"{solid.name}_J_min"]
             if not smallest > 0.0:
+                where = _place(self._worst_cell(solid, chi), self.model.grid.dim)
                 raise StabilityError(
-                    f"an element of {solid.name} is inverted, J = {smallest:.3g}, at t = {state.t:.6g} s "
+                    f"an element of {solid.name} is inverted, J = {smallest:.3g}, near {where}, t = {state.t:.6g} s "
                     f"(step {state.step}); try a smaller time step, a finer mesh or a larger nu_stab"
                 )
+
+    def _worst_cell(self, solid: object, chi: Array) -> Array:
+        """Centre of the cell with the smallest mean J, on all ranks."""
+        found = solid.cells_on_root(chi)
+        place = None
+        if found is not None:
+            points, cells, J = found
+            nodes = np.concatenate(list(cells.values()))[np.argmin(np.nan_to_num(J, nan=-np.inf))]
+            place = points[nodes].mean(axis=0)
+        return self.model.grid.comm.bcast(place)
 
     def _explained(self, error: StabilityError, good: State) -> StabilityError:
         path = save_state(self.model, good, self.output)
@@ -237,7 +248,7 @@ class Simulation:
         self.phases[phase] += time.perf_counter() - started
 
 
-def _place(place: np.ndarray, dim: int) -> str:
+def _place(place: Array, dim: int) -> str:
     return "(" + ", ".join(f"{x:.4g}" for x in place[:dim]) + ") cm"
 
 
