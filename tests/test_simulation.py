@@ -188,6 +188,15 @@ def test_a_velocity_that_is_not_finite_is_named(shared_tmp):
     check_last_good_state(shared_tmp, caught.value)
 
 
+def test_a_fault_does_not_remove_a_checkpoint_that_is_newer_than_the_last_row(shared_tmp):
+    sim = simulation(shared_tmp, history_every=1000, frames=0, checkpoint_every=10)
+    inner = sim.model.solids[0].force
+    sim.model.solids[0].force = lambda chi, U, t: inner(chi, U, t) * (np.nan if t > 0.5 else 1.0)
+    with pytest.raises(StabilityError, match=r"last good state, t = 0\.4 s"):
+        sim.run()
+    check_last_good_state(shared_tmp, StabilityError("step_00000020.vfc"))
+
+
 def check_last_good_state(folder, error):
     """The checkpoint that the message names is there, and holds finite numbers."""
     names = sorted(path.name for path in (folder / "checkpoints").glob("*.vfc"))

@@ -174,8 +174,10 @@ class Simulation:
         return state
 
     def _due(self, state: State) -> bool:
+        """Whether the elements are checked: whatever is written has passed."""
         every, last = self.output.history_every, self.schedule.num_steps
-        return state.step % every == 0 or state.step == last or self._frame_due(state.step)
+        regular = state.step % every == 0 or state.step == last
+        return regular or self._frame_due(state.step) or self._checkpoint_due(state)
 
     def _frame_due(self, step: int) -> bool:
         frames, last = self.output.frames, self.schedule.num_steps
