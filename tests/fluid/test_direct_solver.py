@@ -35,7 +35,7 @@ def second_difference(kind, n, h):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("n", [4, 7, 12])
 def test_transform_diagonalises_the_second_difference(kind, n, limit, monkeypatch):
-    monkeypatch.setattr(direct_solver, "MATRIX_LIMIT", limit)
+    monkeypatch.setattr(direct_solver, "MATRIX_LIMIT", dict.fromkeys(KINDS, limit))
     axis = Axis(kind, n, 0.3)
     D = second_difference(kind, n, 0.3)
     V = np.stack([axis.transform(e.reshape(-1, 1, 1).copy(), 0).ravel() for e in np.eye(axis.size)])
@@ -47,7 +47,7 @@ def test_transform_diagonalises_the_second_difference(kind, n, limit, monkeypatc
 @pytest.mark.parametrize("axis_number", [0, 1, 2])
 @pytest.mark.parametrize("kind", KINDS)
 def test_transform_back_undoes_the_transform_along_every_axis(kind, axis_number, limit, monkeypatch):
-    monkeypatch.setattr(direct_solver, "MATRIX_LIMIT", limit)
+    monkeypatch.setattr(direct_solver, "MATRIX_LIMIT", dict.fromkeys(KINDS, limit))
     axis = Axis(kind, 7, 0.3)
     shape = [5, 6, 4]
     shape[axis_number] = axis.size
@@ -76,7 +76,7 @@ def test_solve_has_a_residual_of_round_off_in_two_dimensions(kinds, limit, monke
 
 
 def check_residual(cells, kinds, process_grid, limit, monkeypatch):
-    monkeypatch.setattr(direct_solver, "MATRIX_LIMIT", limit)
+    monkeypatch.setattr(direct_solver, "MATRIX_LIMIT", dict.fromkeys(KINDS, limit))
     dim = len(cells)
     grid = MacGrid([0] * dim, [1.0, 0.9, 1.2][:dim], cells, [True] * dim, process_grid=process_grid)
     solver = TensorSolver(grid, kinds)

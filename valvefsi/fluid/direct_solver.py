@@ -2,8 +2,8 @@
 
 The operator a - b (D0 + D1 + D2), a sum of one-dimensional second differences, is diagonal in the product of
 their eigenvectors: transform along each axis, divide, transform back. On a uniform axis the eigenvectors are those
-of a discrete cosine, sine or Hartley transform. Short axes use the matrix product with them (up to `MATRIX_LIMIT`
-entries as fast as the fast transform on one core), long ones the fast transform.
+of a discrete cosine, sine or Hartley transform. Short axes (`MATRIX_LIMIT`) use the matrix product with them, long
+ones the fast transform.
 
 In parallel every rank holds whole lines of axis 2, and two transposes give it whole lines of axis 1 and axis 0.
 """
@@ -21,8 +21,9 @@ from valvefsi.grid import MacGrid
 
 Array = np.ndarray
 
-MATRIX_LIMIT = 128
-"""Longest axis that is transformed by a matrix product."""
+MATRIX_LIMIT = {"neumann": 64, "dirichlet": 64, "faces": 96, "periodic": 160}
+"""Longest axis that is transformed by a matrix product: where it stops to be the faster one on one core (cubes of 48
+to 128 cells, median over the three axes; the Hartley transform pays for its copies)."""
 
 
 class Axis:
@@ -42,7 +43,7 @@ class Axis:
         angle = np.pi * mode / cells * (1.0 if kind == "periodic" else 0.5)
         self.eigenvalues = -4.0 / spacing**2 * np.sin(angle) ** 2
         self.matrix = None
-        if self.size <= MATRIX_LIMIT:
+        if self.size <= MATRIX_LIMIT[kind]:
             self.matrix = np.ascontiguousarray(self._fast(np.eye(self.size), 0, inverse=False))
 
     def _fast(self, x: Array, axis: int, *, inverse: bool) -> Array:
