@@ -17,6 +17,7 @@ from valvefsi import diagnostics, fsi
 from valvefsi.errors import CaseError, StabilityError, Stopped
 from valvefsi.fsi import Model, State
 from valvefsi.grid import Array, MacGrid
+from valvefsi.memory import keep_freed_memory
 from valvefsi.recording import Output, Recorder, load_state, refuse_to_overwrite, save_state
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
@@ -103,6 +104,7 @@ class Simulation:
         Note:
             Collective.
         """
+        keep_freed_memory()
         state = self._first_state(resume)
         recorder = Recorder(self.model, self.output, state if resume else None)
         if not resume:
