@@ -178,6 +178,13 @@ def test_a_result_is_shown_against_its_reference(file):
     assert answer.stdout.splitlines()[-2:] == ["wall_s: 12.5", "results in somewhere"]
 
 
+def test_the_end_of_a_run_is_shown_as_a_table(file):
+    body = "return {'last': {'t_s': 0.5, 'courant': 0.125}, 'timing': {'steps': 7, 'phases': {'solve': 3.0}}}"
+    lines = python(FAKE.format(body=body), "run", file, "--out", "somewhere").stdout.splitlines()
+    assert [line.split() for line in lines if "courant" in line] == [["courant", "0.125"]]
+    assert lines[-2:] == ["steps: 7", "results in somewhere"]
+
+
 def test_a_plan_is_shown_and_nothing_is_run(file):
     plan = python(FAKE.format(body="raise RuntimeError"), "run", file, "--plan")
     line = next(line for line in plan.stdout.splitlines() if "step limit" in line)

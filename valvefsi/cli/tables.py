@@ -31,6 +31,9 @@ def show_result(result: Mapping[str, Any], comm: MPI.Comm, folder: Path | None =
         print_table(
             console, str(result.get("benchmark", "result")), {**headings, "unit": "left", "": "left"}, rows
         )
+    elif "last" in result:
+        rows = [(name, number(value)) for name, value in result["last"].items()]
+        print_table(console, "at the end", {"quantity": "left", "value": "right"}, rows)
     else:
         rest = result
     for name, value in _flat(rest):
