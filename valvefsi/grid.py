@@ -18,8 +18,8 @@ from mpi4py import MPI
 Array = np.ndarray
 Faces = tuple[Array, ...]
 
-GHOSTS = 3
-"""Ghost layers: the reach of the widest kernel (six points)."""
+GHOSTS = 4
+"""Ghost layers: the upwind reconstruction reaches four, the widest kernel (six points) three."""
 
 DEPTH = 1.0
 """Thickness of a two-dimensional grid [cm]."""
@@ -70,7 +70,7 @@ class MacGrid:
         """Prefer slabs along axis 0 (one transpose fewer), pencils when the slabs would get thin."""
         for n1 in range(1, ranks + 1):
             n0 = ranks // n1
-            if n0 * n1 == ranks and self.cells[0] >= 2 * GHOSTS * n0 and (self.dim == 3 or n1 == 1):
+            if n0 * n1 == ranks and self.cells[0] >= 6 * n0 and (self.dim == 3 or n1 == 1):
                 return n0, n1
         return ranks, 1
 

@@ -42,7 +42,13 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
         Collective. The case is written to ``case.toml`` in the folder when the simulation is run.
     """
     grid = build_grid(case, comm)
-    fluid = NavierStokes(grid, _boundary(case, grid), rho=case.fluid.density, mu=case.fluid.viscosity)
+    fluid = NavierStokes(
+        grid,
+        _boundary(case, grid),
+        rho=case.fluid.density,
+        mu=case.fluid.viscosity,
+        advection=case.fluid.advection,
+    )
     solids = tuple(build_solid(case, number, comm) for number in range(len(case.solid)))
     couplings = tuple(Coupling(grid, solid.kernel) for solid in case.solid)
     model = Model(grid=grid, fluid=fluid, solids=solids, couplings=couplings)

@@ -153,6 +153,10 @@ class Fluid(Table):
 
     density: Density = Field(1.0, gt=0, description="Density rho")
     viscosity: Viscosity = Field(0.01, gt=0, description="Dynamic viscosity mu")
+    advection: Literal["centred", "xsppm7"] = Field(
+        "centred",
+        description='Advection scheme, "centred" or "xsppm7" (upwind, for thin layers; keep |u| dt/h below 0.3)',
+    )
     sides: Sides = Field(Sides(), description="Sides of the box")
 
 

@@ -1,7 +1,7 @@
 """What the sides of the box do to the fluid: ghost values and boundary faces.
 
 A side is periodic or a wall with a prescribed velocity (at rest by default), constant or a function of position and
-time. The velocity normal to a side is set on its faces; a tangential one half a cell away by reflection,
+time. The velocity normal to a side is set on its faces; everything beyond by reflection about the side's value,
 u_ghost = 2 u_side - u, which keeps second order.
 """
 
@@ -59,7 +59,7 @@ class Boundary:
         self.changes_in_time = any(callable(wall.velocity) for _, _, wall in self.walls)
 
     def fill(self, u: Faces, *times: float) -> None:
-        """Set the boundary faces and the first ghost layer beyond each wall, in place.
+        """Set the boundary faces and the ghost layers beyond each wall, in place.
 
         Args:
             u: Velocity on the faces whose ghost layers from other ranks are filled.
@@ -80,14 +80,17 @@ class Boundary:
         return value if value.ndim == 0 else np.take(value, 0, axis)
 
     def _set(self, q: Array, axis: int, upper: bool, normal: bool, value: Array | float) -> None:
-        g = self.grid.ghosts[axis]
-        side = g + self.grid.size[axis] if upper else g
+        g, n = self.grid.ghosts[axis], self.grid.size[axis]
+        side, beyond = (g + n, 1) if upper else (g, -1)
         if normal:
             q[_plane(axis, side)] = value
-            outside, inside = (side + 1, side - 1) if upper else (side - 1, side + 1)
-        else:
-            outside, inside = (side, side - 1) if upper else (side - 1, side)
-        q[_plane(axis, outside)] = 2.0 * value - q[_plane(axis, inside)]
+        # First place beyond the side and its mirror image: a face away from the side, or half a cell.
+        outside, inside = (
+            (side + beyond, side - beyond) if normal else (side, side - 1)[:: 1 if upper else -1]
+        )
+        while 0 <= outside < q.shape[axis]:
+            q[_plane(axis, outside)] = 2.0 * value - q[_plane(axis, inside)]
+            outside, inside = outside + beyond, inside - beyond
 
 
 def _plane(axis: int, index: int) -> tuple:

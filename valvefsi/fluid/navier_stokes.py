@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from valvefsi.fluid.advection import centred
+from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.direct_solver import TensorSolver
 from valvefsi.fluid.stencils import divergence, momentum, subtract_gradient
@@ -23,12 +23,18 @@ class NavierStokes:
         boundary: The sides of the box.
         rho: Density [g/cm^3].
         mu: Dynamic viscosity [dyn s/cm^2].
+        advection: Scheme of the advection term, ``centred`` or ``xsppm7``.
 
     Raises:
-        ValueError: A density that is not positive, or a negative viscosity.
+        ValueError: A density that is not positive, a negative viscosity, or an unknown scheme.
     """
 
-    def __init__(self, grid: MacGrid, boundary: Boundary, *, rho: float, mu: float) -> None:
+    def __init__(
+        self, grid: MacGrid, boundary: Boundary, *, rho: float, mu: float, advection: str = "centred"
+    ) -> None:
+        if advection not in SCHEMES:
+            raise ValueError(f"unknown advection scheme {advection!r}, one of {', '.join(SCHEMES)}")
+        self.scheme = SCHEMES[advection]
         if not rho > 0.0 or not mu >= 0.0:
             raise ValueError(f"a fluid needs density > 0 and viscosity >= 0, got {rho}, {mu}")
         self.grid, self.boundary, self.rho, self.mu = grid, boundary, float(rho), float(mu)
@@ -60,7 +66,7 @@ class NavierStokes:
         flat = tuple(c.ravel() for c in u)
         out = self.grid.zero_faces()
         for d in range(self.grid.dim):
-            centred(out[d].ravel(), flat, d, self.inv_h, self.strides, (self.first, self.last))
+            self.scheme(out[d].ravel(), flat, d, self.inv_h, self.strides, (self.first, self.last))
         return out
 
     def divergence(self, u: Faces) -> Array:

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 Array = np.ndarray
-kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, boundscheck=False)
+kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
 @kernel
