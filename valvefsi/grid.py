@@ -67,10 +67,10 @@ class MacGrid:
         self._divide()
 
     def _choose_process_grid(self, ranks: int) -> tuple[int, int]:
-        """Prefer slabs along axis 0 (one transpose fewer), pencils when the slabs would get thin."""
-        for n1 in range(1, ranks + 1):
+        """Prefer slabs along axis 0 (one transpose fewer), pencils where the slabs would be thinner than the ghosts."""
+        for n1 in range(1, ranks + 1 if self.dim == 3 else 2):
             n0 = ranks // n1
-            if n0 * n1 == ranks and self.cells[0] >= 6 * n0 and (self.dim == 3 or n1 == 1):
+            if n0 * n1 == ranks and self.cells[0] // n0 >= GHOSTS and self.cells[1] // n1 >= GHOSTS:
                 return n0, n1
         return ranks, 1
 

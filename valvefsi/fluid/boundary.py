@@ -71,6 +71,13 @@ class Boundary:
                     value = sum(self._value(wall, axis, upper, d, t) for t in times) / len(times)
                     self._set(component, axis, upper, axis == d, value)
 
+    def set_faces(self, u: Faces, t: float) -> None:
+        """Set the boundary faces alone, which a rank nearby may hold as ghosts: before the ghosts are exchanged."""
+        for axis, upper, wall in self.walls:
+            if self.grid.is_last[axis] if upper else self.grid.is_first[axis]:
+                side = self.grid.ghosts[axis] + (self.grid.size[axis] if upper else 0)
+                u[axis][_plane(axis, side)] = self._value(wall, axis, upper, axis, t)
+
     def _value(self, wall: Wall, axis: int, upper: bool, d: int, t: float) -> Array | float:
         if not callable(wall.velocity):
             return wall.velocity[d]

@@ -78,6 +78,7 @@ class NavierStokes:
 
     def fill(self, u: Faces, t: float) -> Faces:
         """Fill all ghosts and boundary faces of a velocity at time t, in place. Collective."""
+        self.boundary.set_faces(u, t)
         self.grid.exchange(u)
         self.boundary.fill(u, t)
         return u
