@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 Array = np.ndarray
-kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, boundscheck=False)
+kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 BSPLINE, IB3, IB4, IB5, IB6 = range(5)
 
