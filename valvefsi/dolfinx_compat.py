@@ -116,7 +116,9 @@ def evaluate(
 ) -> NDArray[np.float64]:
     """Evaluate a compiled expression in ``cells``; ``(num_cells, num_points * value_size)``."""
     cells = np.asarray(cells, dtype=np.int32)
-    return np.asarray(expression.eval(mesh, cells)).reshape(len(cells), -1)
+    values = np.asarray(expression.eval(mesh, cells))
+    width = int(np.prod(values.shape[1:]))  # reshape cannot work it out where there are no cells
+    return values.reshape(len(cells), width)
 
 
 def pack_constants(form: fem.Form) -> NDArray[np.float64]:

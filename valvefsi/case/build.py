@@ -9,6 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.case.checks import check_against_mesh
+from valvefsi.case.fibres import add_fibres
+from valvefsi.case.materials import make_material, say_provenance
 from valvefsi.case.models import SIDES, Case, Mesh, Solid
 from valvefsi.case.writing import to_dict, to_toml
 from valvefsi.coupling.transfer import Coupling
@@ -23,7 +25,6 @@ from valvefsi.planning import plan
 from valvefsi.recording import Output, Probe
 from valvefsi.simulation import Progress, Schedule, Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
-from valvefsi.solid.materials import MATERIALS
 from valvefsi.solid.structure import Discretisation, Structure
 
 
@@ -139,17 +140,32 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
             key=f"solid.{given.name}.mesh",
         )
     check_against_mesh(case, number, tags=mesh.names, lower=lower, upper=upper)
-    return Structure(
-        mesh,
-        MATERIALS[given.material.model](**given.material.parameters),
-        name=given.name,
-        nu_stab=given.nu_stab,
-        discretisation=Discretisation(
-            degree=given.degree, quadrature_degree=given.quadrature_degree, kernel=given.kernel
-        ),
-        damping=given.damping,
-        tethers=_tethers(given),
-        loads=_loads(given),
+    key = f"solid.{given.name}"
+    mesh = add_fibres(mesh, given.fibre, key)
+    say_provenance(given.material, key, comm)
+    try:
+        return Structure(
+            mesh,
+            make_material(given.material.model, given.material.parameters),
+            name=given.name,
+            nu_stab=given.nu_stab,
+            discretisation=_discretisation(given),
+            damping=given.damping,
+            tethers=_tethers(given),
+            loads=_loads(given),
+        )
+    except CaseError as error:
+        place = key if error.key is None else f"{key}.{error.key}"
+        raise CaseError(error.reason, file=case.file, key=place, value=error.value) from None
+
+
+def _discretisation(solid: Solid) -> Discretisation:
+    return Discretisation(
+        degree=solid.degree,
+        quadrature_degree=solid.quadrature_degree,
+        kernel=solid.kernel,
+        volumetric=solid.volumetric,
+        kappa=solid.kappa,
     )
 
 

@@ -1,73 +1,233 @@
-"""Materials of a case: names, parameters and units, as the solid declares them."""
+"""Materials of a case: names, presets, parameters and units, as the solid declares them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import MISSING, fields
+import contextlib
+import re
+import sys
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, Field, fields
+from pathlib import Path
+from typing import Any
 
 from pydantic_core import PydanticCustomError
 
 from valvefsi.case.overrides import nearest
 from valvefsi.case.quantities import Quantity
+from valvefsi.errors import CaseError
+
+ANGLE = re.compile(r"\s*[+-]?[\d.]+([eE][+-]?\d+)?\s*(deg|degree|degrees|rad|radian|radians)\s*")
+RESERVED = ("model", "preset")
 
 
 def _problem(message: str, key: str, value: object = None) -> PydanticCustomError:
     return PydanticCustomError("case", "{message}", {"message": message, "key": key, "value": value})
 
 
-def material_units(model: str) -> dict[str, str]:
-    """Return the parameters of a material with their units."""
-    from valvefsi.solid.materials import MATERIALS
+@contextlib.contextmanager
+def modules_beside(file: Path | None) -> Iterator[None]:
+    """Let import paths of materials lead to modules in the folder of the case and in the current one."""
+    folders = [str(Path.cwd()), *([str(file.resolve().parent)] if file else [])]
+    before = list(sys.path)
+    sys.path[:0] = folders[::-1]
+    try:
+        yield
+    finally:
+        sys.path[:] = before
 
-    return {field.name: field.metadata.get("unit", "dyn/cm^2") for field in fields(MATERIALS[model])}
 
-
-def read_material(model: object, data: Mapping[str, object]) -> dict[str, float]:
-    """Return the parameters of a material in CGS.
+def material_kind(model: object) -> type:
+    """Return the class of a material: a name, or an import path.
 
     Raises:
-        PydanticCustomError: The material or a parameter is not known, missing or out of range.
+        PydanticCustomError: There is no such material.
     """
-    from valvefsi.solid.materials import MATERIALS
+    from valvefsi.solid.materials import MATERIALS, find_material
 
-    if model not in MATERIALS:
+    if not isinstance(model, str) or not (model in MATERIALS or "." in model or ":" in model):
         raise _problem(f"unknown material{nearest(model, list(MATERIALS))}", "model", model)
-    units, found = material_units(model), {}
-    for key, value in data.items():
-        if key == "model":
-            continue
-        if key not in units:
-            raise _problem(f"unknown parameter of {model}{nearest(key, list(units))}", key, value)
-        try:
-            found[key] = Quantity(units[key]).parse(value)
-        except PydanticCustomError as error:
-            raise _problem(error.message(), key, value) from None
-    for field in fields(MATERIALS[model]):
-        if field.name not in found:
-            if field.default is MISSING:
-                raise _problem(
-                    f"this parameter of {model} is required, a quantity in {units[field.name]}", field.name
-                )
-            found[field.name] = field.default
     try:
-        MATERIALS[model](**found)
-    except ValueError as error:
-        key = getattr(error, "key", None) or "model"
-        raise _problem(getattr(error, "reason", str(error)), key, data.get(key)) from None
+        return find_material(model)
+    except CaseError as error:
+        raise _problem(error.reason, "model", model) from None
+
+
+def material_units(model: str) -> dict[str, str | None]:
+    """Return the parameters of a material with their units, None for directions and tables."""
+    return {field.name: _unit(field) for field in fields(material_kind(model))}
+
+
+def parameter_unit(model: str, key: str, value: object) -> str | None:
+    """Return the unit that a parameter is written with, "deg" for a direction that is an angle."""
+    known = {field.name: field for field in fields(material_kind(model))}
+    if key not in known:
+        return None
+    angle = known[key].metadata.get("kind") == "direction" and isinstance(value, float)
+    return "deg" if angle else _unit(known[key])
+
+
+def _unit(field: Field) -> str | None:
+    return None if "kind" in field.metadata else field.metadata.get("unit", "dyn/cm^2")
+
+
+def read_material(data: Mapping[str, object]) -> dict[str, object]:
+    """Return model, preset and parameters of a material, quantities in CGS.
+
+    Args:
+        data: The table of a case file: ``model``, ``preset`` or both, and parameters, which go before those of the
+            preset.
+
+    Raises:
+        PydanticCustomError: The material, the preset or a parameter is not known, missing or out of range.
+    """
+    model, preset, given = data.get("model"), data.get("preset"), dict(data)
+    if preset is not None:
+        from valvefsi.solid.presets import PRESETS
+
+        if preset not in PRESETS:
+            raise _problem(f"unknown preset{nearest(preset, list(PRESETS))}", "preset", preset)
+        found = PRESETS[preset]
+        if model not in (None, found.model):
+            raise _problem(f'the preset "{preset}" is of the model "{found.model}"', "model", model)
+        model, given = found.model, {**found.parameters, **data}
+    kind = material_kind(model)
+    parameters = _read_fields(kind, {k: v for k, v in given.items() if k not in RESERVED}, str(model), "")
+    try:
+        make_material(model, parameters)
+    except CaseError as error:
+        key = error.key or "model"
+        raise _problem(error.reason, key, data.get(key)) from None
+    return {"model": model, "preset": preset, **parameters}
+
+
+def make_material(model: str, parameters: Mapping[str, object]) -> object:
+    """Make the material of parameters that `read_material` gave.
+
+    Raises:
+        CaseError: A parameter is out of range.
+    """
+    kind = material_kind(model)
+    values = dict(parameters)
+    for field in fields(kind):
+        if field.metadata.get("kind") == "table" and field.name in values:
+            values[field.name] = tuple(field.metadata["item"](**entry) for entry in values[field.name])
+    return kind(**values)
+
+
+def say_provenance(material: object, key: str, comm: object) -> None:
+    """Warn on rank 0 of a preset that nobody has checked.
+
+    Args:
+        material: Table of the material.
+        key: Place of the solid in the case.
+        comm: Communicator of the run.
+    """
+    from valvefsi.solid.presets import PRESETS
+
+    preset = PRESETS.get(material.preset)
+    if preset is not None and not preset.verified and comm.rank == 0:
+        text = f'{key}.material: the preset "{material.preset}" is {preset.provenance}'
+        warnings.warn(text, stacklevel=2)
+
+
+def _read_fields(kind: type, data: Mapping[str, object], name: str, path: str) -> dict[str, Any]:
+    """Return the parameters of a dataclass in CGS, those with a default filled in."""
+    known, found = {field.name: field for field in fields(kind) if field.init}, {}
+    for key, value in data.items():
+        if key not in known:
+            raise _problem(f"unknown parameter of {name}{nearest(key, list(known))}", path + key, value)
+        found[key] = _read_value(known[key], value, name, path + key)
+    for key, field in known.items():
+        if key in found:
+            continue
+        if field.default is MISSING and field.default_factory is MISSING:
+            unit = _unit(field)
+            what = f", a quantity in {unit}" if unit else ""
+            raise _problem(f"this parameter of {name} is required{what}", path + key)
+        found[key] = field.default if field.default is not MISSING else field.default_factory()
     return found
 
 
+def _read_value(field: Field, value: object, name: str, path: str) -> object:
+    """Return one parameter in CGS."""
+    kind = field.metadata.get("kind", "number")
+    if kind == "table":
+        return _read_table(field.metadata["item"], value, name, path)
+    if kind == "direction":
+        return _read_direction(value, path)
+    if field.type in ("str", str):
+        return value
+    try:
+        return Quantity(_unit(field)).parse(value)
+    except PydanticCustomError as error:
+        raise _problem(error.message(), path, value) from None
+
+
+def _read_table(item: type, value: object, name: str, path: str) -> tuple[dict[str, object], ...]:
+    """Return a list of tables, each checked as the dataclass ``item``."""
+    if not isinstance(value, list | tuple) or not all(isinstance(entry, Mapping) for entry in value):
+        raise _problem("expected a list of tables", path, value)
+    entries = []
+    for number, entry in enumerate(value):
+        place = f"{path}.{number}."
+        read = _read_fields(item, entry, f"{name}.{path.rpartition('.')[2]}", place)
+        try:
+            item(**read)
+        except CaseError as error:
+            raise _problem(error.reason, place + str(error.key), entry.get(error.key)) from None
+        entries.append(read)
+    return tuple(entries)
+
+
+def _read_direction(value: object, path: str) -> object:
+    """Return a direction: the name of a fibre field, an angle in degrees, or a vector."""
+    from valvefsi.solid.parameters import checked_direction
+
+    if isinstance(value, str) and ANGLE.fullmatch(value):
+        return Quantity("deg").parse(value)
+    if isinstance(value, str) and not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", value):
+        raise _problem('expected the name of a fibre field, an angle like "45 deg", or a vector', path, value)
+    try:
+        return checked_direction(value, path)
+    except CaseError as error:
+        raise _problem(error.reason, path, value) from None
+
+
 def material_schemas() -> list[dict[str, object]]:
-    """Return the JSON schema of each material."""
+    """Return the JSON schema of each material of `MATERIALS`; one of your own has an import path and no schema."""
     from valvefsi.solid.materials import MATERIALS
+    from valvefsi.solid.presets import PRESETS
 
     schemas = []
     for model, kind in MATERIALS.items():
-        quantity = {
-            name: {"type": ["number", "string"], "description": unit}
-            for name, unit in material_units(model).items()
+        properties, required = _schema_of(kind)
+        sets = {name: preset.provenance for name, preset in PRESETS.items() if preset.model == model}
+        about = "; ".join(f"{name}: {provenance}" for name, provenance in sets.items())
+        named = {
+            "model": {"const": model},
+            "preset": {"enum": list(sets), "description": about},
+            **properties,
         }
-        required = [field.name for field in fields(kind) if field.default is MISSING]
-        schema = {"type": "object", "properties": {"model": {"const": model}, **quantity}}
-        schemas.append({**schema, "required": ["model", *required], "additionalProperties": False})
+        schema = {"type": "object", "properties": named, "additionalProperties": False}
+        schemas.append({**schema, "anyOf": [{"required": ["model", *required]}, {"required": ["preset"]}]})
     return schemas
+
+
+def _schema_of(kind: type) -> tuple[dict[str, object], list[str]]:
+    """Return the properties of a dataclass of parameters, and the names of those without a default."""
+    properties: dict[str, object] = {}
+    for field in fields(kind):
+        about = field.metadata.get("about", "")
+        what = field.metadata.get("kind", "number")
+        if what == "table":
+            inner, needed = _schema_of(field.metadata["item"])
+            item = {"type": "object", "properties": inner, "required": needed, "additionalProperties": False}
+            properties[field.name] = {"type": "array", "items": item, "description": about}
+        elif what == "direction":
+            text = f"{about}: name of a fibre field, angle to the x axis [deg], or vector"
+            properties[field.name] = {"type": ["string", "number", "array"], "description": text}
+        else:
+            text = f"{about} [{_unit(field)}]" if about else _unit(field)
+            properties[field.name] = {"type": ["number", "string"], "description": text}
+    return properties, [f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING]

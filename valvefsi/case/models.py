@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 from pydantic_core import PydanticCustomError
 
-from valvefsi.case.overrides import nearest
+from valvefsi.case.material_tables import Fibre, Material
 from valvefsi.case.quantities import (
     BodyDamping,
     Density,
@@ -20,15 +20,14 @@ from valvefsi.case.quantities import (
     Time,
     Velocity,
     Viscosity,
-    unit_of,
 )
+from valvefsi.case.table import Name, Table, problem
 from valvefsi.errors import CaseError
 
 Axis = Literal["x", "y", "z"]
 Kernel = Literal[
     "piecewise_linear", "bspline3", "bspline4", "bspline5", "bspline6", "ib3", "ib4", "ib5", "ib6"
 ]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
 RECTANGLE = ("body", *SIDES[:4])
 SHAPES = {
@@ -37,30 +36,6 @@ SHAPES = {
     "box": (3, ("body", *SIDES)),
 }
 """Shapes that valvefsi meshes itself: dimension and tags."""
-
-
-def problem(message: str, key: str | None = None, value: object = None) -> PydanticCustomError:
-    """Return the error of a value, or of the value under ``key`` of a table."""
-    return PydanticCustomError("case", "{message}", {"message": message, "key": key, "value": value})
-
-
-class Table(BaseModel):
-    """A table of a case file: every key is known and documented, nothing changes after it was read."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _know_all_keys(cls, data: object) -> object:
-        if isinstance(data, Mapping) and cls.model_config.get("extra") == "forbid":
-            for key in data:
-                if key not in cls.model_fields:
-                    raise problem(f"unknown key{nearest(key, list(cls.model_fields))}", key, data[key])
-        return data
-
-    def unit(self, key: str) -> str | None:
-        """Return the unit of a key, None where it holds no quantity."""
-        return unit_of(type(self).model_fields[key])
 
 
 class Grid(Table):
@@ -232,34 +207,6 @@ class Mesh(Table):
         return SHAPES[self.shape][0]
 
 
-class Material(Table):
-    """The material; its parameters stand beside its name."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-    model: str = Field(description="Name of the material; its parameters follow")
-    _units: dict[str, str] = PrivateAttr({})
-
-    @model_validator(mode="before")
-    @classmethod
-    def _read(cls, data: object) -> object:
-        if not isinstance(data, Mapping) or "model" not in data:
-            return data
-        from valvefsi.case.materials import read_material
-
-        return {"model": data["model"], **read_material(data["model"], data)}
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Parameters by name, in CGS."""
-        return dict(self.model_extra or {})
-
-    def unit(self, key: str) -> str | None:
-        """Return the unit of a parameter."""
-        from valvefsi.case.materials import material_units
-
-        return material_units(self.model).get(key)
-
-
 class Tether(Table):
     """Springs and dampers that hold a solid where it was, kappa (X - chi) - eta U."""
 
@@ -346,7 +293,18 @@ class Solid(Table):
         0.4, description='Numerical Poisson ratio of the volumetric term, above -1 and below 0.5, or "off"'
     )
     mesh: Mesh = Field(description="Mesh")
+    kappa: Stress | None = Field(
+        None,
+        ge=0,
+        description="Numerical bulk modulus instead of the one from nu_stab",
+        examples=["400 dyn/cm^2"],
+    )
+    volumetric: Literal["log", "quadratic", "simo_taylor"] = Field(
+        "log",
+        description='Volumetric term: "log" (kappa/2 (ln J)^2), "quadratic" (kappa/2 (J - 1)^2) or "simo_taylor"',
+    )
     material: Material = Field(description="Material")
+    fibre: tuple[Fibre, ...] = Field((), description="Fibre fields")
     tether: tuple[Tether, ...] = Field((), description="Tethers")
     load: tuple[Load, ...] = Field((), description="Loads")
     probe: tuple[Probe, ...] = Field((), description="Probes")

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from valvefsi.case.materials import material_schemas
+from valvefsi.case.includes import resolve_includes
+from valvefsi.case.materials import material_schemas, modules_beside
 from valvefsi.case.models import Case
 from valvefsi.case.overrides import apply_overrides, nearest
 from valvefsi.errors import CaseError
@@ -79,11 +80,12 @@ def parse_case(
     Raises:
         CaseError: Something is wrong with it.
     """
-    raw = deepcopy(dict(raw))
+    raw = resolve_includes(deepcopy(dict(raw)), file)
     changed = apply_overrides(raw, overrides, aliases)
-    _find_meshes(raw, file, changed)
+    _find_files(raw, file, changed)
     try:
-        case = Case.model_validate(raw)
+        with modules_beside(file):
+            case = Case.model_validate(raw)
     except ValidationError as error:
         raise _one_line(error, raw, file, changed) from None
     case._file = file
@@ -102,20 +104,35 @@ def case_schema() -> dict[str, object]:
     return schema
 
 
-def _find_meshes(raw: dict[str, object], file: Path | None, changed: Sequence[str]) -> None:
-    """Make the paths of mesh files absolute; refuse one that does not exist."""
+def _find_files(raw: dict[str, object], file: Path | None, changed: Sequence[str]) -> None:
+    """Make the paths of files of meshes and fibres absolute; refuse one that does not exist."""
     solids = raw.get("solid")
     for number, solid in enumerate(solids if isinstance(solids, list) else ()):
-        mesh = solid.get("mesh") if isinstance(solid, dict) else None
-        if not isinstance(mesh, dict) or not isinstance(mesh.get("file"), str):
+        if not isinstance(solid, dict):
             continue
-        path = (file.parent if file else Path()) / mesh["file"]
-        if not path.is_file():
-            key = ("solid", number, "mesh", "file")
-            source = _source(".".join(map(str, key)), file, changed)
-            message = f"no such mesh file{_nearest_file(path, '.msh')}"
-            raise CaseError(message, file=source, key=_shown(key, raw), value=mesh["file"])
-        mesh["file"] = str(path.resolve())
+        _find_file(raw, ("solid", number, "mesh"), file, changed)
+        fibres = solid.get("fibre")
+        for which in range(len(fibres) if isinstance(fibres, list) else 0):
+            _find_file(raw, ("solid", number, "fibre", which), file, changed)
+
+
+def _find_file(
+    raw: dict[str, object], place: tuple[str | int, ...], file: Path | None, changed: Sequence[str]
+) -> None:
+    """Make the path ``file`` of one table absolute; refuse one that does not exist."""
+    table: object = raw
+    for part in place:
+        table = table.get(part) if isinstance(table, dict) else table[part]
+    if not isinstance(table, dict) or not isinstance(table.get("file"), str):
+        return
+    path = (file.parent if file else Path()) / table["file"]
+    if not path.is_file():
+        key = (*place, "file")
+        source = _source(".".join(map(str, key)), file, changed)
+        kind, suffix = ("mesh ", ".msh") if "mesh" in place else ("", path.suffix)
+        message = f"no such {kind}file{_nearest_file(path, suffix)}"
+        raise CaseError(message, file=source, key=_shown(key, raw), value=table["file"])
+    table["file"] = str(path.resolve())
 
 
 def _nearest_file(path: Path, suffix: str, cutoff: float = 0.0) -> str:

@@ -27,6 +27,7 @@ EXAMPLE: dict[str, Any] = {
                 "load_width": "10 cm",
             },
             "material": {"model": "neo_hookean", "c1": "80.194 dyn/cm^2"},
+            "fibre": [{"name": "along_x", "rule": "constant", "direction": [1, 0]}],
             "tether": [{"on": ["bottom"], "components": ["y"], "stiffness": "1e5 dyn/cm^3"}],
             "load": [{"on": ["top_loaded"], "traction": [0, "-200 dyn/cm^2"], "ramp": "12 s"}],
             "probe": [{"name": "top_centre", "at": ["20 cm", "25 cm"]}],
@@ -75,12 +76,13 @@ def _table(table: Table, path: tuple[str, ...], *, comments: bool) -> list[str]:
         elif isinstance(value, tuple) and value and isinstance(value[0], Table):
             for item in value:
                 inner += _section(item, (*path, key), "[[{}]]", comments)
-        elif comments or value not in (None, ()) or key == "nu_stab":
+        elif comments or value not in (None, (), {}) or key == "nu_stab":
             lines += [_comment(table, key, field)] if comments else []
             lines.append(_line(table, key, field, value))
     if isinstance(table, Material):
         for key, value in table.parameters.items():
-            lines += [f"# Parameter of {table.model} [{table.unit(key)}]"] if comments else []
+            unit = f" [{table.unit(key)}]" if table.unit(key) else ""
+            lines += [f"# Parameter of {table.model}{unit}"] if comments else []
             lines.append(f"{key} = {_text(value, table.unit(key))}")
     return lines + inner
 
@@ -112,6 +114,8 @@ def _comment(table: Table, key: str, field: FieldInfo) -> str:
 
 def _text(value: object, unit: str | None) -> str:
     """Return a value as TOML, a quantity with its unit."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{json.dumps(k)} = {_text(v, unit)}' for k, v in value.items())}}}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(_text(item, unit) for item in value)}]"
     if unit is not None and isinstance(value, float):

@@ -19,8 +19,11 @@ import typer
 
 from valvefsi import __version__
 from valvefsi.cli.bench import bench
+from valvefsi.cli.fit import fit
 from valvefsi.cli.options import HELP
+from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
+from valvefsi.cli.statics import statics
 from valvefsi.errors import CaseError, Stopped, ValvefsiError
 
 PATIENCE, GRACE = 5.0, 0.5
@@ -39,7 +42,10 @@ app = typer.Typer(
 )
 app.command()(run)
 app.command()(case)
+app.command()(plot)
+bench.add_typer(statics)
 app.add_typer(bench, name="bench")
+app.add_typer(fit, name="fit")
 
 
 @app.callback(invoke_without_command=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,7 @@ from valvefsi.errors import CaseError, raise_together
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from dolfinx import fem
     from dolfinx.mesh import Mesh, MeshTags
     from mpi4py import MPI
 
@@ -34,6 +35,8 @@ class SolidMesh:
         facet_tags: Tags of the facets, None where there are none.
         names: ``{name: (dimension, tag)}`` of the physical groups.
         source: Where it comes from, for messages.
+        fibres: Unit vector fields of the reference state by name, DOLFINx functions of ``dim`` components;
+            see `with_fibres`.
 
     Note:
         Collective. Raises CaseError on every rank where a cell is inverted or flat.
@@ -44,6 +47,7 @@ class SolidMesh:
     facet_tags: MeshTags | None
     names: dict[str, tuple[int, int]] = field(default_factory=dict)
     source: str = "mesh"
+    fibres: dict[str, fem.Function] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         comm = self.mesh.comm
@@ -55,6 +59,10 @@ class SolidMesh:
     def dim(self) -> int:
         """Number of dimensions, 2 or 3."""
         return self.mesh.geometry.dim
+
+    def with_fibres(self, **fibres: fem.Function) -> SolidMesh:
+        """Return this mesh with more fibre fields, checked where a material uses them."""
+        return replace(self, fibres={**self.fibres, **fibres})
 
     def tag(self, name: str) -> tuple[int, int]:
         """Return dimension and number of the tag called ``name``.

@@ -1,4 +1,4 @@
-"""Loads and supports of a solid: dead loads, tethers, and the ramp that switches a load on."""
+"""Loads and supports of a solid: dead loads, follower pressure, tethers, and the ramp that switches a load on."""
 
 from __future__ import annotations
 
@@ -55,6 +55,26 @@ class DeadLoad:
         object.__setattr__(self, "traction", tuple(float(value) for value in self.traction))
         if len(self.traction) not in (2, 3) or not all(math.isfinite(value) for value in self.traction):
             raise CaseError("expected 2 or 3 finite components", key="traction", value=self.traction)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressure:
+    """Follower pressure: traction -p n per current area, n the outer normal of the deformed surface.
+
+    Args:
+        on: Names of the facet tags it pushes on, from outside the body.
+        value: Pressure p, positive where it pushes on the surface [dyn/cm^2].
+        ramp: Load factor over time.
+    """
+
+    on: tuple[str, ...]
+    value: float
+    ramp: Ramp = Ramp()
+
+    def __post_init__(self) -> None:
+        _freeze_names(self, self.on)
+        if isinstance(self.value, bool) or not math.isfinite(self.value):
+            raise CaseError("expected a finite pressure", key="pressure", value=self.value)
 
 
 @dataclass(frozen=True, kw_only=True)

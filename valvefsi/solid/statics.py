@@ -1,4 +1,4 @@
-"""Static equilibrium of an exactly incompressible body, displacement and pressure: the reference answers."""
+"""Static equilibrium of a body, exactly incompressible or nearly so: the reference answers."""
 
 from __future__ import annotations
 
@@ -10,44 +10,43 @@ import numpy as np
 from valvefsi import dolfinx_compat as compat
 
 # isort: split
-import basix.ufl
 import ufl
 from dolfinx import fem, geometry
 
 from valvefsi.errors import CaseError, ConvergenceError
-from valvefsi.solid.kinematics import Kinematics
+from valvefsi.solid.equilibrium import SOLVERS, Body
+from valvefsi.solid.formulations import EqualOrder, NearlyIncompressible, TaylorHood
 from valvefsi.solid.newton import Newton
+from valvefsi.solid.supports import Fixed, Symmetry, rotation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from valvefsi.solid.loads import DeadLoad
+    from valvefsi.solid.equilibrium import Problem
+    from valvefsi.solid.formulations import Formulation
+    from valvefsi.solid.loads import DeadLoad, Pressure, Tether
     from valvefsi.solid.materials import Material
 
     Array = NDArray[np.float64]
 
+__all__ = [
+    "EqualOrder",
+    "Fixed",
+    "LoadStep",
+    "NearlyIncompressible",
+    "SolverOptions",
+    "StaticSolution",
+    "Symmetry",
+    "TaylorHood",
+    "evaluate_at",
+    "rotation",
+    "solve",
+]
 
-@dataclass(frozen=True, kw_only=True)
-class Fixed:
-    """Prescribed displacement of tagged facets.
 
-    Args:
-        on: Names of the facet tags.
-        components: The axes it acts along, of "x", "y", "z"; empty for all of them.
-        value: ``value(X, s)`` gives the displacement ``(n, 3)`` [cm] at reference positions ``(n, 3)`` and
-            load factor s; None for zero.
-    """
-
-    on: tuple[str, ...]
-    components: tuple[str, ...] = ()
-    value: Callable[[Array, float], Array] | None = None
-
-    def __post_init__(self) -> None:
-        if not self.on or not set(self.components) <= set("xyz"):
-            message = 'expected tags, and components of "x", "y", "z"'
-            raise CaseError(message, key="fixed", value=[self.on, self.components])
+TAYLOR_HOOD = TaylorHood()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +59,7 @@ class SolverOptions:
         max_iterations: Newton iterations of a load step before its increment is halved.
         relative_tolerance: Of the residual in each load step.
         quadrature_degree: Degree of the quadrature of all forms.
+        solver: "direct" (MUMPS), or "fieldsplit" (FGMRES, multigrid) for large bodies with a pressure.
     """
 
     first_increment: float = 0.25
@@ -67,11 +67,14 @@ class SolverOptions:
     max_iterations: int = 20
     relative_tolerance: float = 1e-9
     quadrature_degree: int = 5
+    solver: str = "direct"
 
     def __post_init__(self) -> None:
         if not 0 < self.smallest_increment <= self.first_increment <= 1:
             message = "expected 0 < smallest_increment <= first_increment <= 1"
             raise CaseError(message, key="first_increment", value=self.first_increment)
+        if self.solver not in SOLVERS:
+            raise CaseError(f"expected one of {', '.join(SOLVERS)}", key="solver", value=self.solver)
 
 
 @dataclass(frozen=True)
@@ -85,11 +88,12 @@ class LoadStep:
 
 @dataclass(frozen=True, kw_only=True)
 class StaticSolution:
-    """Equilibrium of an incompressible body.
+    """Equilibrium of a body.
 
     Args:
-        displacement: Second-degree function with ``dim`` components [cm].
-        pressure: First-degree function, positive in compression [dyn/cm^2].
+        displacement: Function with ``dim`` components [cm].
+        pressure: First-degree function, positive in compression [dyn/cm^2]; of a formulation without pressure the
+            projection of -dU/dJ.
         load_steps: What was tried on the way.
     """
 
@@ -133,15 +137,17 @@ def solve(
     mesh: object,
     material: Material,
     *,
-    fixed: Sequence[Fixed],
-    loads: Sequence[DeadLoad] = (),
+    fixed: Sequence[Fixed | Symmetry],
+    loads: Sequence[DeadLoad | Pressure] = (),
+    tethers: Sequence[Tether] = (),
+    formulation: Formulation = TAYLOR_HOOD,
     options: SolverOptions = SolverOptions(),
 ) -> StaticSolution:
-    """Find the equilibrium of an exactly incompressible body under dead loads and prescribed displacements.
+    """Find the equilibrium of a body, exactly incompressible unless the formulation says otherwise.
 
-    Stationary point of
+    Stationary point, with the virtual work of follower pressures, of
 
-        Pi(u, p) = integral W(F) - p (J - 1) dX - s integral t . u dA,    F = I + grad u,
+        Pi(u, p) = integral W(F) - p (J - 1) dX - s integral t . u dA + springs,    F = I + grad u,
 
     with Taylor-Hood elements (P2-P1 on simplices, Q2-Q1 on quadrilaterals and hexahedra), the load factor s
     going from 0 to 1 in steps that are halved where Newton's method fails and doubled where it is fast.
@@ -149,22 +155,45 @@ def solve(
     Args:
         mesh: A ``SolidMesh``; two dimensions are plane strain.
         material: Isochoric energy W.
-        fixed: Prescribed displacements.
-        loads: Dead loads; their ramps in time are ignored.
-        options: Load steps, tolerance, quadrature.
+        fixed: Prescribed displacements and planes of symmetry.
+        loads: Dead loads and follower pressures; their ramps in time are ignored.
+        tethers: Springs to the reference position; their damping is ignored.
+        formulation: `TaylorHood`, `NearlyIncompressible` or `EqualOrder`.
+        options: Load steps, tolerance, quadrature, linear solver.
 
     Raises:
-        CaseError: A tag is unknown, or a support or load names cells.
+        CaseError: A tag is unknown or empty, a support or load names cells, or a fibre field cannot be used.
         ConvergenceError: The smallest load increment did not converge.
 
     Note:
-        Collective. Linear systems are solved by MUMPS.
+        Collective.
     """
-    problem = _Problem(mesh, material, fixed, loads, options)
+    body = Body(
+        mesh=mesh,
+        material=material,
+        supports=fixed,
+        loads=loads,
+        tethers=tethers,
+        quadrature_degree=options.quadrature_degree,
+    )
+    problem = SOLVERS[options.solver](body, formulation)
+    absolute = 1e-13 * material.shear_modulus * body.size ** (mesh.dim - 1)
+    problem.set_tolerances(options.relative_tolerance, absolute, options.max_iterations)
     steps = _follow_load(problem, options)
-    displacement, pressure = (problem.state.sub(i).collapse() for i in range(2))
+    displacement, pressure = problem.fields()
+    if pressure is None:
+        pressure = _project(formulation.pressure(mesh, material, displacement), mesh)
     displacement.name, pressure.name = "displacement", "pressure"
     return StaticSolution(displacement=displacement, pressure=pressure, load_steps=tuple(steps))
+
+
+def _project(value: object, mesh: object) -> fem.Function:
+    """Project a scalar onto continuous functions of degree 1 (collective)."""
+    space = fem.functionspace(mesh.mesh, ("Lagrange", 1))
+    projected = fem.Function(space)
+    residual = (projected - value) * ufl.TestFunction(space) * ufl.dx(domain=mesh.mesh, degree=4)
+    Newton(projected, residual, []).solve()
+    return projected
 
 
 def evaluate_at(function: fem.Function, X: Sequence[float] | Array) -> Array:
@@ -191,91 +220,7 @@ def evaluate_at(function: fem.Function, X: Sequence[float] | Array) -> Array:
     return values if given.ndim == 2 else values[0]
 
 
-class _Problem:
-    """Forms, prescribed displacements and state of the mixed problem."""
-
-    def __init__(
-        self,
-        mesh: object,
-        material: Material,
-        fixed: Sequence[Fixed],
-        loads: Sequence[DeadLoad],
-        options: SolverOptions,
-    ) -> None:
-        domain = mesh.mesh
-        dim = domain.geometry.dim
-        cell = domain.basix_cell()
-        vector = basix.ufl.element("Lagrange", cell, 2, shape=(dim,))
-        scalar = basix.ufl.element("Lagrange", cell, 1)
-        self.space = fem.functionspace(domain, basix.ufl.mixed_element([vector, scalar]))
-        self.state = fem.Function(self.space)
-        self.factor = fem.Constant(domain, 0.0)
-        u, p = ufl.split(self.state)
-        kinematics = Kinematics(ufl.Identity(dim) + ufl.grad(u))
-        dX = ufl.dx(domain=domain, degree=options.quadrature_degree)
-        energy = (material.energy(kinematics) - p * (kinematics.J - 1)) * dX
-        for load in loads:
-            energy -= self.factor * _work(mesh, load, u, options.quadrature_degree)
-        self._prescribed = []
-        conditions = [bc for support in fixed for bc in self._fix(mesh, support)]
-        self.newton = Newton(self.state, ufl.derivative(energy, self.state), conditions)
-        size = domain.comm.allreduce(np.ptp(domain.geometry.x, axis=0).max(initial=0.0))
-        self.newton.set_tolerances(
-            options.relative_tolerance,
-            1e-13 * material.shear_modulus * size ** (dim - 1),
-            options.max_iterations,
-        )
-
-    def _fix(self, mesh: object, support: Fixed) -> list[fem.DirichletBC]:
-        """Make the conditions of one support, one for each component."""
-        domain = mesh.mesh
-        facet_dim = domain.topology.dim - 1
-        domain.topology.create_connectivity(facet_dim, facet_dim + 1)
-        facets = np.concatenate([mesh.facet_tags.find(tag) for tag in _facet_tags(mesh, support.on)])
-        if domain.comm.allreduce(len(facets)) == 0:
-            raise CaseError("no facet carries this tag", file=mesh.source, key="on", value=list(support.on))
-        conditions = []
-        for axis in range(domain.geometry.dim):
-            if support.components and "xyz"[axis] not in support.components:
-                continue
-            sub = self.space.sub(0).sub(axis)
-            collapsed, _ = sub.collapse()
-            value = fem.Function(collapsed)
-            dofs = fem.locate_dofs_topological((sub, collapsed), facet_dim, facets)
-            self._prescribed.append((support.value, axis, value))
-            conditions.append(fem.dirichletbc(value, dofs, sub))
-        return conditions
-
-    def set_factor(self, s: float) -> None:
-        """Set the load factor of loads and prescribed displacements."""
-        self.factor.value = s
-        for function, axis, value in self._prescribed:
-            if function is not None:
-                value.interpolate(lambda x, f=function, i=axis: np.asarray(f(x.T, s))[:, i])
-
-
-def _facet_tags(mesh: object, names: Sequence[str]) -> list[int]:
-    """Return the numbers of facet tags; refuse tags of cells."""
-    tags = [mesh.tag(name) for name in names]
-    if any(dim != mesh.mesh.topology.dim - 1 for dim, _ in tags):
-        raise CaseError("expected tags of facets", file=mesh.source, key="on", value=list(names))
-    return [tag for _, tag in tags]
-
-
-def _work(mesh: object, load: DeadLoad, u: object, degree: int) -> ufl.Form:
-    """Return the work of a dead load, integral t . u dA."""
-    dim = mesh.mesh.geometry.dim
-    traction = fem.Constant(mesh.mesh, np.array(load.traction[:dim], dtype=np.float64))
-    ds = ufl.Measure(
-        "ds",
-        domain=mesh.mesh,
-        subdomain_data=mesh.facet_tags,
-        metadata={"quadrature_degree": degree},
-    )
-    return ufl.inner(traction, u) * ds(tuple(_facet_tags(mesh, load.on)))
-
-
-def _follow_load(problem: _Problem, options: SolverOptions) -> list[LoadStep]:
+def _follow_load(problem: Problem, options: SolverOptions) -> list[LoadStep]:
     """Raise the load factor from 0 to 1 in steps that adapt to Newton's method."""
     factor, increment = 0.0, options.first_increment
     steps: list[LoadStep] = []
@@ -284,7 +229,7 @@ def _follow_load(problem: _Problem, options: SolverOptions) -> list[LoadStep]:
         if target > 1 - 1e-12:
             target = 1.0
         problem.set_factor(target)
-        converged, iterations = problem.newton.solve()
+        converged, iterations = problem.solve()
         steps.append(LoadStep(target, iterations, converged))
         if converged:
             factor = target

@@ -15,8 +15,9 @@ from mpi4py import MPI
 
 from valvefsi.errors import CaseError
 from valvefsi.solid.elasticity import Elasticity
+from valvefsi.solid.fibres import check_fibres
 from valvefsi.solid.lumping import lumped_weights
-from valvefsi.solid.materials import kappa_stab
+from valvefsi.solid.materials import stabilisation
 from valvefsi.solid.numbering import number_nodes
 
 if TYPE_CHECKING:
@@ -38,11 +39,15 @@ class Discretisation:
         degree: Degree of the Lagrange elements, 1 or 2.
         quadrature_degree: Degree of the quadrature of the elastic forces; None takes 2 degree + 1.
         kernel: Name of the regularised delta function (the coupling reads it).
+        volumetric: Volumetric energy of the stabilisation, see `Volumetric`.
+        kappa: Numerical bulk modulus instead of the one that nu_stab gives, 0 for off [dyn/cm^2].
     """
 
     degree: int = 1
     quadrature_degree: int | None = None
     kernel: str = "bspline3"
+    volumetric: str = "log"
+    kappa: float | None = None
 
     def __post_init__(self) -> None:
         if self.degree not in (1, 2):
@@ -88,7 +93,7 @@ class Structure:
     positions and 0 for forces, and forces are per cm depth.
 
     Args:
-        mesh: A ``SolidMesh``: ``mesh``, ``cell_tags``, ``facet_tags``, ``tag(name)``.
+        mesh: A ``SolidMesh``: ``mesh``, ``cell_tags``, ``facet_tags``, ``tag(name)``, ``fibres``.
         material: Isochoric energy.
         name: Name in files and messages.
         nu_stab: Numerical Poisson ratio of the stabilisation (S22); None for off.
@@ -120,11 +125,14 @@ class Structure:
         self.damping, self.nu_stab = damping, nu_stab
         self.tethers, self.loads = tuple(tethers), tuple(loads)
         self.comm, self.dim = mesh.mesh.comm, mesh.mesh.geometry.dim
-        self.kappa = kappa_stab(material.shear_modulus, nu_stab)
+        self.volumetric = stabilisation(material, nu_stab, discretisation.volumetric, discretisation.kappa)
+        self.kappa = self.volumetric.kappa
+        check_fibres(mesh, material)
         self.space = fem.functionspace(mesh.mesh, ("Lagrange", discretisation.degree, (self.dim,)))
         self._place_nodes()
         self._assemble_supports()
-        self.elasticity = Elasticity(self.space, material, self.kappa, discretisation.quadrature_degree)
+        degree = discretisation.quadrature_degree
+        self.elasticity = Elasticity(self.space, material, self.volumetric, degree, mesh.fibres)
 
     def _place_nodes(self) -> None:
         """Set reference positions and global numbers of the owned nodes."""

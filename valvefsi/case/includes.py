@@ -1,0 +1,63 @@
+"""Tables that stand in files of their own: ``material = { include = "material.toml" }``."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from valvefsi.errors import CaseError
+
+DEPTH = 8
+"""Deepest chain of files that include one another."""
+
+
+def resolve_includes(raw: object, file: Path | None, key: str = "", depth: int = 0) -> object:
+    """Put the contents of included files in their places, keys beside ``include`` over them.
+
+    Args:
+        raw: Tables as TOML gives them.
+        file: File they are from; paths are relative to its folder.
+        key: Where ``raw`` stands, for messages.
+        depth: How many files deep.
+
+    Returns:
+        The tables without any ``include``.
+
+    Raises:
+        CaseError: An included file is missing, not TOML, or part of a circle.
+    """
+    if isinstance(raw, list):
+        return [resolve_includes(item, file, f"{key}.{k}", depth) for k, item in enumerate(raw)]
+    if not isinstance(raw, Mapping):
+        return raw
+    own = {
+        name: resolve_includes(v, file, f"{key}.{name}", depth)
+        for name, v in raw.items()
+        if name != "include"
+    }
+    if "include" not in raw:
+        return own
+    path = _path(raw["include"], file, f"{key}.include".lstrip("."))
+    if depth == DEPTH:
+        raise CaseError("files include one another in a circle", file=file, key=f"{key}.include".lstrip("."))
+    try:
+        included = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaseError(f"cannot read this file: {error}", file=path) from None
+    except tomllib.TOMLDecodeError as error:
+        raise CaseError(f"not TOML: {error}", file=path) from None
+    return {**resolve_includes(included, path, key, depth + 1), **own}
+
+
+def _path(name: object, file: Path | None, key: str) -> Path:
+    if not isinstance(name, str):
+        raise CaseError("expected the path of a TOML file", file=file, key=key, value=name)
+    path = (file.parent if file else Path()) / name
+    if not path.is_file():
+        names = [item.name for item in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+        near = difflib.get_close_matches(path.name, names, n=1, cutoff=0.0)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise CaseError(f"no such file{hint}", file=file, key=key, value=name)
+    return path

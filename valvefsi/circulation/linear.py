@@ -1,0 +1,347 @@
+"""Linear lumped circuits, stepped exactly for inputs that are linear between samples.
+
+Every circuit of the flow loop (Lee2020, S4-S10) is a descriptor system
+
+    M dz/dt = A z + B u,    y = C z + D u,    M = diag(compliances, inertances),
+
+and `reduce` takes the algebraic unknowns (zero entries of M: a rigid chamber) out. What is left, `LinearSystem`,
+is stepped by the matrix exponential: no time step error, no stability limit, any sampling.
+
+The matrices may be complex: a complex step through everything here gives derivatives to round-off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import expm, get_lapack_funcs
+
+SAME_STEP = 1e-12
+"""Steps that differ by less, relative to the median step, share one matrix exponential."""
+STEP = 1e-30
+"""Complex step of derivatives; small enough that nothing of second order is left."""
+SINGULAR = 1e-10
+"""Smallest singular value of I - exp(A T) below which there is no periodic state."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CircuitState:
+    """Everything a circuit remembers between two steps: exactly what a checkpoint needs.
+
+    Attributes:
+        t: Time [s].
+        x: States of the circuit, ``(num_states,)`` [dyn/cm^2, or cm^3/s for an inertance].
+        u: Inputs at ``t``, ``(num_inputs,)``.
+    """
+
+    t: float
+    x: NDArray
+    u: NDArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sampling:
+    """The times of a record, its intervals sorted by size: intervals alike share a matrix exponential.
+
+    Attributes:
+        t: Increasing times, ``(n,)`` [s].
+        sizes: Sizes of the intervals, each once [s].
+        which: Number of the size of each interval, ``(n - 1,)``.
+    """
+
+    t: NDArray
+    sizes: NDArray
+    which: NDArray
+
+    @classmethod
+    def of(cls, t: NDArray | Sampling) -> Sampling:
+        """Sort the intervals of times; a sampling is returned as it is.
+
+        Raises:
+            ValueError: The times do not increase, or there is only one.
+        """
+        if isinstance(t, Sampling):
+            return t
+        t = np.asarray(t, dtype=float)
+        step = np.diff(t)
+        if len(step) == 0 or not step.min() > 0:
+            raise ValueError("expected two increasing times or more")
+        unit = SAME_STEP * np.median(step)
+        _, first, which = np.unique(np.round(step / unit), return_index=True, return_inverse=True)
+        return cls(t=t, sizes=step[first], which=which)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearSystem:
+    """A linear circuit dx/dt = A x + B u, y = C x + D u with one output.
+
+    Attributes:
+        A: ``(num_states, num_states)`` [1/s].
+        B: ``(num_states, num_inputs)``.
+        C: ``(num_states,)``.
+        D: ``(num_inputs,)``.
+        states: Names of the states.
+        inputs: Names of the inputs.
+        output: Name of the output.
+    """
+
+    A: NDArray
+    B: NDArray
+    C: NDArray
+    D: NDArray
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    output: str
+    _last: dict = field(default_factory=dict, repr=False)
+
+    def propagators(self, dt: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
+        """Return E, G0, G1 of the exact update x_new = E x + G0 u + G1 u_new, for each step size.
+
+            exp(dt [A B 0; 0 0 1/dt; 0 0 0]) = [E, Gamma_1, Gamma_2; ...],   G0 = Gamma_1 - Gamma_2,  G1 = Gamma_2
+
+        Args:
+            dt: Step sizes, ``(n,)`` [s].
+
+        Returns:
+            ``(n, num_states, num_states)``, twice ``(n, num_states, num_inputs)``.
+        """
+        dt = np.atleast_1d(np.asarray(dt, dtype=float))
+        m, k = self.B.shape
+        if m == 0:
+            return np.zeros((len(dt), 0, 0)), np.zeros((len(dt), 0, k)), np.zeros((len(dt), 0, k))
+        largest = np.abs(self.B).max(axis=0)
+        scale = np.where(
+            largest > 0, largest, 1.0
+        )  # B holds 1/C: left as it is, it would rule the exponential
+        block = np.zeros((len(dt), m + 2 * k, m + 2 * k), dtype=np.result_type(self.A, self.B))
+        block[:, :m, :m] = self.A * dt[:, None, None]
+        block[:, :m, m : m + k] = self.B / scale * dt[:, None, None]
+        block[:, m : m + k, m + k :] = np.eye(k)
+        power = expm(block)
+        ramp = power[:, :m, m + k :] * scale
+        return power[:, :m, :m], power[:, :m, m : m + k] * scale - ramp, ramp
+
+    def start(self, x: ArrayLike, u: ArrayLike, t: float = 0.0) -> CircuitState:
+        """Return the state at ``t`` with states ``x`` and inputs ``u``."""
+        x, u = np.array(x, dtype=float), np.array(u, dtype=float)
+        if x.shape != (len(self.states),) or u.shape != (len(self.inputs),):
+            raise ValueError(
+                f"expected states {self.states} and inputs {self.inputs}, got {x.shape} and {u.shape}"
+            )
+        return CircuitState(t=float(t), x=x, u=u)
+
+    def advance(self, s: CircuitState, u_new: ArrayLike, dt: float) -> CircuitState:
+        """Step exactly over ``dt``, the inputs going linearly from ``s.u`` to ``u_new``.
+
+        Args:
+            s: State at the start of the step; it is not changed.
+            u_new: Inputs at its end, ``(num_inputs,)``.
+            dt: Step [s].
+
+        Returns:
+            The state at its end.
+        """
+        if self._last.get("dt") != dt:
+            E, G0, G1 = self.propagators(dt)
+            self._last.update(dt=dt, matrices=(E[0], G0[0], G1[0]))
+        E, G0, G1 = self._last["matrices"]
+        u_new = np.array(u_new, dtype=float)
+        return CircuitState(t=s.t + dt, x=E @ s.x + G0 @ s.u + G1 @ u_new, u=u_new)
+
+    def observe(self, s: CircuitState) -> float:
+        """Return the output y = C x + D u at a state."""
+        return float(self.C @ s.x + self.D @ s.u)
+
+    def simulate(self, t: NDArray | Sampling, u: NDArray, x: ArrayLike) -> NDArray:
+        """Return the states at all samples.
+
+        Args:
+            t: Increasing times, ``(n,)`` [s], or their `Sampling`.
+            u: Inputs there, linear in between, ``(n, num_inputs)``.
+            x: States at ``t[0]``, ``(num_states,)``.
+
+        Returns:
+            ``(n, num_states)``.
+        """
+        E, forcing = self._steps(t, u)
+        return _recur(E, forcing, np.asarray(x))
+
+    def outputs(self, x: NDArray, u: NDArray) -> NDArray:
+        """Return y = C x + D u at all samples, ``(n,)``."""
+        return x @ self.C + u @ self.D
+
+    def periodic_state(self, t: NDArray | Sampling, u: NDArray) -> NDArray:
+        """Solve for the states at ``t[0]`` to which the record ``t``, ``u`` returns them: the periodic steady state.
+
+            x(T) = exp(A T) x(0) + forced(T) = x(0)
+
+        Args:
+            t: Times over one period, both ends included, ``(n,)`` [s].
+            u: Inputs there, the last equal to the first, ``(n, num_inputs)``.
+
+        Returns:
+            ``(num_states,)``.
+
+        Raises:
+            ValueError: The circuit has no way out for a mean inflow, so that nothing is periodic.
+        """
+        m = len(self.states)
+        if m == 0:
+            return np.zeros(0)
+        sampling = Sampling.of(t)
+        E, forcing = self._steps(sampling, u)
+        forced = _recur(E, forcing, np.zeros(m))[-1]
+        gap = np.eye(m) - expm(self.A * (sampling.t[-1] - sampling.t[0]))
+        if np.linalg.svd(gap.real, compute_uv=False)[-1] < SINGULAR:
+            raise ValueError("the circuit has no periodic steady state: a compliance cannot empty")
+        return np.linalg.solve(gap, forced)
+
+    def sensitivities(
+        self,
+        t: NDArray | Sampling,
+        u: NDArray,
+        x: NDArray,
+        moved: Sequence[LinearSystem],
+        start: NDArray | None,
+    ) -> NDArray:
+        """Return the derivative of the output by parameters and initial states.
+
+            s_{n+1} = E s_n + E' x_n + G0' u_n + G1' u_{n+1},   y' = C' x + C s + D' u
+
+        Args:
+            t: Times, ``(n,)`` [s].
+            u: Inputs there, ``(n, num_inputs)``.
+            x: States at all samples, from `simulate`, ``(n, num_states)``.
+            moved: The system with each of the parameters moved by `STEP` along the imaginary axis.
+            start: Derivative of the initial states by the parameters and by whatever else ``x[0]`` depends on,
+                ``(num_states, k)`` with k the number of ``moved`` or more; None where ``x`` is periodic.
+
+        Returns:
+            ``(n, k)``.
+        """
+        sampling, m = Sampling.of(t), len(self.states)
+        columns = len(moved) if start is None else start.shape[1]
+        E = self.propagators(sampling.sizes)[0]
+        forcing = np.zeros((len(sampling.t) - 1, m, columns))
+        slope = np.zeros((len(sampling.t), columns))
+        for i, other in enumerate(moved):
+            dE, dG0, dG1 = (part.imag / STEP for part in other.propagators(sampling.sizes))
+            for part, along in ((dE, x[:-1]), (dG0, u[:-1]), (dG1, u[1:])):
+                forcing[:, :, i] += _apply(part, sampling.which, along)
+            slope[:, i] = x @ (other.C.imag / STEP) + u @ (other.D.imag / STEP)
+        if m == 0:
+            return slope
+        E = E if len(E) == 1 else E[sampling.which]
+        if start is None:
+            forced = _recur(E, forcing, np.zeros((m, columns)))[-1]
+            start = np.linalg.solve(np.eye(m) - expm(self.A * (sampling.t[-1] - sampling.t[0])), forced)
+        return slope + np.einsum("nmk,m->nk", _recur(E, forcing, start), self.C)
+
+    def steady_state(self, u: ArrayLike) -> NDArray:
+        """Return the states that constant inputs lead to, -A^-1 B u."""
+        return np.linalg.solve(self.A, -self.B @ np.asarray(u)) if self.states else np.zeros(0)
+
+    def _steps(self, t: NDArray | Sampling, u: NDArray) -> tuple[NDArray, NDArray]:
+        """Return E of each interval (one, where all are alike), and what its inputs add."""
+        sampling = Sampling.of(t)
+        E, G0, G1 = self.propagators(sampling.sizes)
+        u, which = np.asarray(u), sampling.which
+        return E if len(E) == 1 else E[which], _apply(G0, which, u[:-1]) + _apply(G1, which, u[1:])
+
+
+class Circuit(Protocol):
+    """A circuit: frozen parameters, and the linear system they make."""
+
+    def system(self) -> LinearSystem:
+        """Return the system that `LinearSystem.simulate` and `LinearSystem.advance` step exactly."""
+        ...
+
+
+def reduce(
+    storage: ArrayLike,
+    A: ArrayLike,
+    B: ArrayLike,
+    C: ArrayLike,
+    D: ArrayLike,
+    names: tuple[tuple[str, ...], ...],
+) -> LinearSystem:
+    """Take the unknowns without storage out of M dz/dt = A z + B u, y = C z + D u.
+
+        0 = A_21 x + A_22 w + B_2 u   gives   w = -A_22^-1 (A_21 x + B_2 u)
+
+    Args:
+        storage: Diagonal of M: compliances and inertances, zero where rigid, ``(num_unknowns,)``.
+        A: ``(num_unknowns, num_unknowns)``.
+        B: ``(num_unknowns, num_inputs)``.
+        C: ``(num_unknowns,)``.
+        D: ``(num_inputs,)``.
+        names: Names of the unknowns, of the inputs, and of the one output.
+
+    Returns:
+        The system of the unknowns that have storage.
+    """
+    storage, A, B, C, D = (np.asarray(part) for part in (storage, A, B, C, D))
+    keep, drop = np.flatnonzero(storage != 0), np.flatnonzero(storage == 0)
+    unknowns, inputs, (output,) = names
+    if len(drop):
+        weights = -np.linalg.solve(
+            A[np.ix_(drop, drop)], np.concatenate([A[np.ix_(drop, keep)], B[drop]], axis=1)
+        )
+        by_x, by_u = weights[:, : len(keep)], weights[:, len(keep) :]
+        through = A[np.ix_(keep, drop)]
+        B = B[keep] + through @ by_u
+        A = A[np.ix_(keep, keep)] + through @ by_x
+        C, D = C[keep] + C[drop] @ by_x, D + C[drop] @ by_u
+    rate = 1.0 / storage[keep][:, None]
+    states = tuple(unknowns[i] for i in keep)
+    return LinearSystem(A=rate * A, B=rate * B, C=C, D=D, states=states, inputs=inputs, output=output)
+
+
+def check_values(owner: object, positive: tuple[str, ...], not_negative: tuple[str, ...] = ()) -> None:
+    """Refuse parameters of a circuit that mean nothing.
+
+    Raises:
+        ValueError: One of ``positive`` is not above zero, or one of ``not_negative`` below it, or not finite.
+    """
+    for name in (*positive, *not_negative):
+        value = float(np.real(getattr(owner, name)))
+        if not np.isfinite(value) or value < 0 or (name in positive and value == 0):
+            least = "above zero" if name in positive else "zero or above"
+            raise ValueError(f"{name} = {value!r}: expected a finite number {least}")
+
+
+def _apply(matrices: NDArray, which: NDArray, vectors: NDArray) -> NDArray:
+    """Return the product of each interval's matrix and vector, ``(n - 1, num_states)``."""
+    if len(matrices) == 1:
+        return vectors @ matrices[0].T
+    return np.einsum("nij,nj->ni", matrices[which], vectors)
+
+
+def _recur(E: NDArray, forcing: NDArray, x: NDArray) -> NDArray:
+    """Return all x_n of x_{n+1} = E_n x_n + forcing_n (or E_0 x_n): one triangular banded solve.
+
+    Args:
+        E: ``(n, m, m)`` or ``(1, m, m)``.
+        forcing: ``(n, m)``, or ``(n, m, k)`` for k problems at once.
+        x: ``(m,)`` or ``(m, k)``.
+    """
+    n, m = forcing.shape[:2]
+    kind = np.result_type(E, forcing, x, float)
+    x = np.asarray(x, dtype=kind)
+    if m == 0:
+        return np.zeros((n + 1, *forcing.shape[1:]), dtype=kind)
+    rhs = forcing.astype(kind)
+    rhs[0] += E[0] @ x
+    band = np.zeros((2 * m, n * m), dtype=kind)
+    band[0] = 1.0
+    for row in range(m):
+        for column in range(m):
+            entries = E if len(E) == 1 else E[1:]
+            band[m + row - column, column : (n - 1) * m : m] = -entries[:, row, column]
+    (tbtrs,) = get_lapack_funcs(("tbtrs",), (band, rhs))
+    later, _ = tbtrs(band, rhs.reshape(n * m, -1), uplo="L", diag="U")
+    return np.concatenate([x[None], later.reshape(forcing.shape)])

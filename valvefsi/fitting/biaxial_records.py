@@ -1,0 +1,403 @@
+"""Records of planar biaxial tests: CSV files to deformation gradients and stresses, with every doubt named.
+
+Columns are known by their names, upper or lower case, with a unit at the end if there is one (``P11_kPa``,
+``S22 [MPa]``, ``tension1 (N/m)``, ``E11_percent``):
+
+    deformation   stretch1 stretch2 (lambda1 ...) | E11 E22 [E12] (strain1 ...) | F11 F12 F21 F22
+    stress        PK1_1 PK1_2 (P11 P22 [P12 P21]) | PK2_1 PK2_2 (S11 S22 [S12]) | cauchy1 cauchy2 (sigma11 ...)
+                  | tension1 tension2: force per reference length, needs the thickness
+    protocol      a name or number for each row; without it a file is one protocol
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valvefsi.errors import CaseError
+from valvefsi.fitting.record_table import Table, read_table
+from valvefsi.units import KILOPASCAL, MMHG
+
+STRESS_UNITS = {
+    "pa": 1e-3,
+    "kpa": 1.0,
+    "mpa": 1e3,
+    "gpa": 1e6,
+    "n/mm2": 1e3,
+    "dyn/cm2": 1 / KILOPASCAL,
+    "mmhg": MMHG / KILOPASCAL,
+}
+"""Units of stress in kPa."""
+TENSION_UNITS = {"n/m": 1.0, "mn/mm": 1.0, "n/mm": 1e3, "n/cm": 1e2, "dyn/cm": 1e-3, "mn/m": 1e-3}
+"""Units of membrane tension in N/m."""
+PURE_UNITS = {"-": 1.0, "1": 1.0, "percent": 0.01, "%": 0.01}
+KINDS = {
+    "stretch": r"(?:stretch(?:_?ratio)?|lambda|lam)",
+    "strain": r"(?:e|strain|green(?:_?lagrange)?(?:_?strain)?)",
+    "gradient": r"(?:f|deformation_?gradient)",
+    "pk1": r"(?:pk1|p|piola|first_?pk)",
+    "pk2": r"(?:pk2|s|second_?pk)",
+    "cauchy": r"(?:cauchy|sigma|sig)",
+    "tension": r"(?:tension|membrane_?tension|t)",
+}
+DEFORMATIONS, STRESSES = ("gradient", "strain", "stretch"), ("pk1", "pk2", "cauchy", "tension")
+INDEX = r"_?(11|22|12|21|1|2)"
+EXAMPLES = "stretch1, E11, F11, PK1_1, PK2_1, cauchy1, tension1 or protocol"
+FALL, SLACK = 0.1, 0.05
+"""Fall of the stress, and stress in a slack specimen, that are refused, as parts of the protocol's largest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How records are to be read where their header does not say.
+
+    Args:
+        columns: Column of the file by the name it stands for, such as ``{"stretch1": "lx"}``.
+        unit: Unit of the stresses (or tensions).
+        thickness: Thickness of the unloaded specimen, for tensions [cm].
+        accept_suspect: Only note what looks wrong (stress falling with stretch, tension while slack).
+    """
+
+    columns: Mapping[str, str] | None = None
+    unit: str | None = None
+    thickness: float | None = None
+    accept_suspect: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class BiaxialData:
+    """Records of biaxial tests.
+
+    Attributes:
+        F: Deformation gradient in the plane, ``(n, 2, 2)``.
+        measure: ``pk1``, ``pk2`` or ``cauchy``.
+        components: Components of the stress that were measured, such as ``("11", "22")``.
+        stress: The stress, ``(n, components)`` [kPa].
+        protocol: Number of the protocol of each point, from 0, ``(n,)``.
+        names: Names of the protocols.
+        files: Where they are from.
+        notes: What was inferred.
+    """
+
+    F: NDArray
+    measure: str
+    components: tuple[str, ...]
+    stress: NDArray
+    protocol: NDArray
+    names: tuple[str, ...]
+    files: tuple[Path, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def select(self, names: Sequence[str]) -> BiaxialData:
+        """Return the protocols of these names.
+
+        Raises:
+            CaseError: There is none of a name, or no name at all.
+        """
+        wanted = [str(name).strip() for name in names]
+        for name in wanted:
+            if name not in self.names:
+                message = f"no such protocol, there are {', '.join(self.names)}"
+                raise CaseError(message, key="protocols", value=name)
+        kept = [k for k, name in enumerate(self.names) if name in wanted]
+        if not kept:
+            raise CaseError("name at least one protocol", key="protocols")
+        rows = np.isin(self.protocol, kept)
+        return replace(
+            self,
+            F=self.F[rows],
+            stress=self.stress[rows],
+            protocol=np.searchsorted(kept, self.protocol[rows]),
+            names=tuple(self.names[k] for k in kept),
+        )
+
+    @property
+    def shear(self) -> bool:
+        """Whether the specimen was sheared."""
+        return bool(np.abs(np.einsum("nk,nk->n", self.F[:, :, 0], self.F[:, :, 1])).max() > 1e-6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Column:
+    """A column of a file: its header, what it is, its component, its unit (None if not said)."""
+
+    header: str
+    kind: str
+    component: str
+    unit: str | None
+
+
+def read_biaxial(paths: str | Path | Sequence[str | Path], reading: Reading | None = None) -> BiaxialData:
+    """Read one or several CSV files of biaxial tests.
+
+    Raises:
+        CaseError: Something in a file cannot be used; the message names file, row and column.
+    """
+    several = [paths] if isinstance(paths, str | Path) else list(paths)
+    if not several:
+        raise CaseError("no file given", key="DATA")
+    reading = reading or Reading()
+    parts = [_read_file(Path(path), reading, many=len(several) > 1) for path in several]
+    first = parts[0]
+    for part in parts[1:]:
+        if (part.measure, part.components) != (first.measure, first.components):
+            message = f"this file has other stresses than {first.files[0].name}"
+            raise CaseError(message, file=part.files[0])
+    names = tuple(name for part in parts for name in part.names)
+    doubled = next((name for name in names if names.count(name) > 1), None)
+    if doubled is not None:
+        raise CaseError("two protocols have this name", key="protocol", value=doubled)
+    shifts = np.cumsum([0, *(len(part.names) for part in parts[:-1])])
+    return BiaxialData(
+        F=np.concatenate([part.F for part in parts]),
+        measure=first.measure,
+        components=first.components,
+        stress=np.concatenate([part.stress for part in parts]),
+        protocol=np.concatenate([part.protocol + s for part, s in zip(parts, shifts, strict=True)]),
+        names=names,
+        files=tuple(part.files[0] for part in parts),
+        notes=tuple(dict.fromkeys(note for part in parts for note in part.notes)),
+    )
+
+
+def _read_file(path: Path, reading: Reading, *, many: bool) -> BiaxialData:
+    table = read_table(path)
+    columns, notes = _recognise(table, reading.columns or {})
+    F = _deformation(table, columns, notes)
+    measure, components, stress = _stress(table, columns, reading, notes)
+    protocol, names = _protocols(table, columns, path.stem if many else None)
+    data = BiaxialData(
+        F=F,
+        measure=measure,
+        components=components,
+        stress=stress,
+        protocol=protocol,
+        names=names,
+        files=(path,),
+    )
+    notes += _suspects(table, data, columns, accept=reading.accept_suspect)
+    return replace(data, notes=tuple(notes))
+
+
+def _recognise(table: Table, given: Mapping[str, str]) -> tuple[dict[tuple[str, str], _Column], list[str]]:
+    """Return the columns by kind and component, and notes on those that are not used."""
+    names = {header: header for header in table.header}
+    for name, header in given.items():
+        if header not in names:
+            message = f"no such column, there are {', '.join(table.header)}"
+            raise CaseError(message, file=table.path, key=f"column {name}", value=header)
+        names[header] = name
+    found: dict[tuple[str, str], _Column] = {}
+    ignored = []
+    for header, name in names.items():
+        column = _meaning(header, name, table)
+        if column is None:
+            if name != header:
+                raise CaseError(
+                    f"not a quantity, expected {EXAMPLES}", file=table.path, key="column", value=name
+                )
+            ignored.append(header)
+            continue
+        key = (column.kind, column.component)
+        if key in found:
+            message = f"the same quantity as column {found[key].header}"
+            raise CaseError(message, file=table.path, key=f"row {table.header_line}, column {header}")
+        found[key] = column
+    return found, [f"{table.path.name}: columns not used: {', '.join(ignored)}"] if ignored else []
+
+
+def _meaning(header: str, name: str, table: Table) -> _Column | None:
+    """Return what a column is, None if it is nothing known.
+
+    Raises:
+        CaseError: It is a known quantity in an unknown unit.
+    """
+    text = name.strip().lower().replace(" ", "_")
+    if text in ("protocol", "test", "set"):
+        return _Column(header=header, kind="protocol", component="", unit=None)
+    for kind, pattern in KINDS.items():
+        match = re.fullmatch(pattern + INDEX + r"(?:_*[\[(]([^\])]*)[\])]|_+(\S+))?", text)
+        if match is None:
+            continue
+        unit = next((part for part in match.groups()[1:] if part is not None), None)
+        component = match[1] if len(match[1]) == 2 else 2 * match[1]
+        unit = None if unit is None else _plain_unit(unit)
+        known = TENSION_UNITS if kind == "tension" else STRESS_UNITS if kind in STRESSES else PURE_UNITS
+        if unit is not None and unit not in known:
+            message = f"unknown unit {unit}, expected one of {', '.join(known)}"
+            raise CaseError(message, file=table.path, key=f"row {table.header_line}, column {header}")
+        return _Column(header=header, kind=kind, component=component, unit=unit)
+    return None
+
+
+def _plain_unit(text: str) -> str:
+    """Return a unit without blanks, powers and case: ``dyn_cm^2`` and ``dyn/cm2`` are the same."""
+    return re.sub(r"[\s^*]", "", text.strip("_").lower()).replace("_per_", "/").replace("_", "/")
+
+
+def _deformation(table: Table, columns: Mapping[tuple[str, str], _Column], notes: list[str]) -> NDArray:
+    """Return F from the stretches, strains or F itself, whichever is complete."""
+    kind = next((kind for kind in DEFORMATIONS if (kind, "11") in columns or (kind, "22") in columns), None)
+    if kind is None:
+        message = "no column for the deformation: stretch1 and stretch2, E11 and E22, or F11 to F22"
+        raise CaseError(message, file=table.path, key=f"columns {', '.join(table.header)}")
+    values = {}
+    for component in ("11", "22", "12", "21"):
+        column = columns.get((kind, component))
+        if column is not None:
+            values[component] = table.numbers(column.header) * PURE_UNITS[column.unit or "-"]
+        elif component in ("11", "22"):
+            raise CaseError("this column is missing", file=table.path, key=f"column {kind} {component}")
+    F = np.zeros((len(table.rows), 2, 2))
+    if kind == "strain":
+        _check_positive(table, columns, kind, {k: 1 + 2 * values[k] for k in ("11", "22")})
+        F = _stretch_of(table, values, notes)
+    else:
+        _check_positive(table, columns, kind, values)
+        for component, numbers in values.items():
+            F[:, int(component[0]) - 1, int(component[1]) - 1] = numbers
+    determinant = np.linalg.det(F)
+    for line, value in zip(table.lines, determinant, strict=True):
+        if not 1e-6 < value < 1e6:
+            message = "the deformation leaves no usable area"
+            raise CaseError(message, file=table.path, key=f"row {line}, det F", value=float(value))
+    return F
+
+
+def _check_positive(
+    table: Table, columns: Mapping[tuple[str, str], _Column], kind: str, values: Mapping[str, NDArray]
+) -> None:
+    """Refuse stretches that are not positive, and those that look like percent."""
+    for component in ("11", "22"):
+        header = columns[(kind, component)].header
+        for line, value in zip(table.lines, values[component], strict=True):
+            if value <= 0:
+                message = (
+                    "a stretch must be positive" if kind != "strain" else "a Green strain must exceed -1/2"
+                )
+                raise table.fault(message, header, line)
+            if value > (10 if kind != "strain" else 100):
+                raise table.fault(
+                    "this is too large for soft tissue; is it in percent?", header, line, float(value)
+                )
+
+
+def _stretch_of(table: Table, values: Mapping[str, NDArray], notes: list[str]) -> NDArray:
+    """Return U, U^2 = C = 1 + 2 E, the deformation without rotation."""
+    shear = values.get("12", values.get("21", np.zeros(len(table.rows))))
+    E = np.array([[values["11"], shear], [shear, values["22"]]]).transpose(2, 0, 1)
+    squares, axes = np.linalg.eigh(np.eye(2) + 2 * E)
+    for line, least in zip(table.lines, squares[:, 0], strict=True):
+        if least <= 0:
+            raise CaseError("these strains leave no length", file=table.path, key=f"row {line}")
+    if np.any(shear):
+        notes.append(f"{table.path.name}: strains with shear, F taken as U = sqrt(1 + 2 E), without rotation")
+    return np.einsum("nik,nk,njk->nij", axes, np.sqrt(squares), axes)
+
+
+def _stress(
+    table: Table, columns: Mapping[tuple[str, str], _Column], reading: Reading, notes: list[str]
+) -> tuple[str, tuple[str, ...], NDArray]:
+    """Return measure, components and values of the stress [kPa]."""
+    kinds = [kind for kind in STRESSES if any(key[0] == kind for key in columns)]
+    if not kinds:
+        message = "no column for the stress: PK1_1 and PK1_2, PK2_1 ..., cauchy1 ..., or tension1 ..."
+        raise CaseError(message, file=table.path, key=f"columns {', '.join(table.header)}")
+    if len(kinds) > 1:
+        raise CaseError(f"expected one measure of stress, found {' and '.join(kinds)}", file=table.path)
+    kind = kinds[0]
+    components = tuple(c for c in ("11", "22", "12", "21") if (kind, c) in columns)
+    if not {"11", "22"} <= set(components):
+        missing = "22" if "11" in components else "11"
+        raise CaseError("this column is missing", file=table.path, key=f"column {kind} {missing}")
+    raw = np.array([table.numbers(columns[(kind, c)].header) for c in components]).T
+    if not np.any(raw):
+        raise CaseError("the stress is zero throughout", file=table.path)
+    known = TENSION_UNITS if kind == "tension" else STRESS_UNITS
+    factors = [_factor(columns[(kind, c)], reading.unit, known, (raw, table, notes)) for c in components]
+    stress = raw * np.array(factors)
+    if kind != "tension":
+        return kind, components, stress
+    if reading.thickness is None or not reading.thickness > 0:
+        raise CaseError("tensions need the thickness of the specimen", file=table.path, key="thickness")
+    notes.append(
+        f"{table.path.name}: first Piola-Kirchhoff stress is tension over {10 * reading.thickness:g} mm"
+    )
+    return "pk1", components, stress / (10 * reading.thickness)
+
+
+def _factor(
+    column: _Column, given: str | None, known: Mapping[str, float], where: tuple[NDArray, Table, list[str]]
+) -> float:
+    """Return the factor to kPa or N/m, from the header, the option, or the size of the numbers."""
+    raw, table, notes = where
+    if column.unit is not None:
+        return known[column.unit]
+    if given is not None:
+        unit = _plain_unit(given)
+        if unit not in known:
+            raise CaseError(f"unknown unit, expected one of {', '.join(known)}", key="unit", value=given)
+        return known[unit]
+    largest = float(np.abs(raw).max())
+    unit = "n/m" if known is TENSION_UNITS else "pa" if largest > 5e3 else "kpa" if largest > 2 else "mpa"
+    shown = {"n/m": "N/m", "pa": "Pa", "kpa": "kPa", "mpa": "MPa"}[unit]
+    note = f"{table.path.name}: no unit given for the stress, {shown} inferred from its size (largest {largest:.5g})"
+    if note not in notes:
+        notes.append(note)
+    return known[unit]
+
+
+def _protocols(
+    table: Table, columns: Mapping[tuple[str, str], _Column], prefix: str | None
+) -> tuple[NDArray, tuple[str, ...]]:
+    """Return the number of each row's protocol and the names; with several files the file's name goes first."""
+    column = columns.get(("protocol", ""))
+    if column is None:
+        texts = [prefix or "1"] * len(table.rows)
+    else:
+        at = table.header.index(column.header)
+        texts = [re.sub(r"^(\d+)\.0*$", r"\1", row[at]) for row in table.rows]
+        for line, text in zip(table.lines, texts, strict=True):
+            if not text:
+                raise table.fault("expected the name of a protocol", column.header, line)
+        texts = [text if prefix is None else f"{prefix}:{text}" for text in texts]
+    names = list(dict.fromkeys(texts))
+    for name in names:
+        if texts.count(name) < 2:
+            line = table.lines[texts.index(name)]
+            message = f"protocol {name} has one point, at least two are needed"
+            raise CaseError(message, file=table.path, key=f"row {line}")
+    return np.array([names.index(text) for text in texts]), tuple(names)
+
+
+def _suspects(
+    table: Table, data: BiaxialData, columns: Mapping[tuple[str, str], _Column], *, accept: bool
+) -> list[str]:
+    """Name tension in a slack specimen and stress that falls while it is stretched; refuse or note it."""
+    lengths = np.linalg.norm(data.F, axis=1)
+    lines = np.array(table.lines)
+    notes = []
+    for axis, component in enumerate(("11", "22")):
+        at = data.components.index(component)
+        header = next(columns[(kind, component)].header for kind in STRESSES if (kind, component) in columns)
+        for number in range(len(data.names)):
+            rows = np.flatnonzero(data.protocol == number)
+            stress, peak = data.stress[rows, at], np.abs(data.stress[rows]).max()
+            slack = np.all(lengths[rows] <= 1 + 1e-9, axis=1) & (stress > SLACK * peak)
+            rising = np.all(np.diff(lengths[rows], axis=0) >= 0, axis=1) & (np.diff(lengths[rows, axis]) > 0)
+            falls = np.concatenate([[False], rising & (np.diff(stress) < -FALL * peak)])
+            for fault, text in ((slack, "tension while slack"), (falls, "stress falls while stretched")):
+                if not fault.any():
+                    continue
+                error = table.fault(
+                    f"{text}, protocol {data.names[number]}", header, int(lines[rows[fault][0]])
+                )
+                if not accept:
+                    raise error
+                notes.append(f"{error} ({int(fault.sum())} rows)")
+    return notes

@@ -1,0 +1,458 @@
+"""Bounded least squares from many starts: named parameters, scaled inside, one frozen result."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+from scipy.stats import qmc
+
+from valvefsi.errors import CaseError, ConvergenceError
+
+LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
+SAME = 1e-6
+"""Two costs are the same when they differ by no more than this part of the smaller one."""
+NOTHING = 1e-18
+"""A cost below this part of half the data's sum of squares is an exact fit."""
+
+SHARE = 0.05
+"""Least share of the data that a positive linear parameter starts with."""
+CLOSE = 1e-6
+"""A parameter is at its bound when it is nearer than this part of the span of its bounds."""
+HUGE = 1e120
+"""Residuals are cut here, so that their squares stay finite and the solver can turn back."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A number to be fitted, or held.
+
+    Args:
+        name: Its name.
+        unit: Its unit.
+        lower: Lower bound.
+        upper: Upper bound.
+        start: Range that starts are drawn from; the bounds if not given.
+        log: Fit the logarithm (for a positive number whose size is not known).
+        value: The value it is held at; None where it is fitted.
+        linear: The model is linear in it, so that starts need not guess it.
+        period: Length after which the model repeats, None where it does not (an angle).
+    """
+
+    name: str
+    unit: str = "-"
+    lower: float
+    upper: float
+    start: tuple[float, float] | None = None
+    log: bool = False
+    value: float | None = None
+    linear: bool = False
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.value is not None:
+            if not np.isfinite(self.value):
+                raise CaseError("expected a finite number", key=self.name, value=self.value)
+            return
+        if not (np.isfinite(self.lower) and np.isfinite(self.upper) and self.lower < self.upper):
+            raise CaseError("expected a lower and a larger upper bound", key=self.name, value=self.bounds)
+        if self.log and self.lower <= 0:
+            raise CaseError("expected positive bounds", key=self.name, value=self.bounds)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lower and upper bound."""
+        return (self.lower, self.upper)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Range of starts, inside the bounds."""
+        low, high = np.clip(self.start or self.bounds, self.lower, self.upper)
+        return (float(low), float(high)) if low < high else self.bounds
+
+    @property
+    def width(self) -> float:
+        """Size by which a parameter that is not logarithmic is divided."""
+        return self.range[1] - self.range[0]
+
+    def scaled(self, value: float) -> float:
+        """Return the number the solver sees."""
+        return float(np.log(value)) if self.log else value / self.width
+
+    def natural(self, scaled: float) -> float:
+        """Return the value that belongs to a number of the solver."""
+        if self.log:  # before the exponential, which may overflow
+            scaled = np.clip(scaled, self.scaled(self.lower), self.scaled(self.upper))
+        value = np.exp(scaled) if self.log else scaled * self.width
+        return float(np.clip(value, self.lower, self.upper))
+
+    def slope(self, value: float) -> float:
+        """Return d value / d scaled."""
+        return value if self.log else self.width
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """Data and a model with parameters.
+
+    Args:
+        parameters: All parameters, those held included, in the order of the model's argument.
+        data: Observations, ``(m,)``.
+        model: The model, values of all parameters ``(n,)`` to ``(m,)``.
+        jacobian: Its derivative, ``(n,)`` to ``(m, n)``; central differences if not given.
+        weights: Factor of each residual, ``(m,)``; 1 if not given.
+        blocks: Number of the block (protocol, cycle) of each observation, ``(m,)``; one block if not given.
+        block_names: Name of each block by its number.
+        unit: Unit of the observations.
+    """
+
+    parameters: tuple[Parameter, ...]
+    data: NDArray
+    model: Callable[[NDArray], NDArray]
+    jacobian: Callable[[NDArray], NDArray] | None = None
+    weights: NDArray | None = None
+    blocks: NDArray | None = None
+    block_names: Mapping[int, str] = field(default_factory=dict)
+    unit: str = "-"
+
+    @cached_property
+    def free(self) -> tuple[int, ...]:
+        """Positions of the parameters that are fitted."""
+        return tuple(i for i, p in enumerate(self.parameters) if p.value is None)
+
+    @cached_property
+    def free_parameters(self) -> tuple[Parameter, ...]:
+        """The parameters that are fitted."""
+        return tuple(self.parameters[i] for i in self.free)
+
+    @cached_property
+    def w(self) -> NDArray:
+        """Factor of each residual."""
+        return np.ones(len(self.data)) if self.weights is None else np.asarray(self.weights, float)
+
+    @cached_property
+    def block_of(self) -> NDArray:
+        """Block of each observation."""
+        return np.zeros(len(self.data), int) if self.blocks is None else np.asarray(self.blocks, int)
+
+    @cached_property
+    def bounds(self) -> NDArray:
+        """Bounds of the scaled free parameters, ``(2, free)``."""
+        ends = [[p.scaled(p.lower), p.scaled(p.upper)] for p in self.free_parameters]
+        return np.array(ends).reshape(-1, 2).T
+
+    def values(self, scaled: NDArray) -> NDArray:
+        """Return the values of all parameters from the scaled free ones."""
+        found = np.array([np.nan if p.value is None else p.value for p in self.parameters])
+        for i, p, x in zip(self.free, self.free_parameters, scaled, strict=True):
+            found[i] = p.natural(x)
+        return found
+
+    def scaled(self, values: NDArray) -> NDArray:
+        """Return the scaled free parameters from the values of all."""
+        return np.array([p.scaled(values[i]) for i, p in zip(self.free, self.free_parameters, strict=True)])
+
+    def residual(self, scaled: NDArray) -> NDArray:
+        """Return weight (model - data)."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return np.clip(self.w * (self.model(self.values(scaled)) - self.data), -HUGE, HUGE)
+
+    def sensitivity(self, values: NDArray) -> NDArray:
+        """Return d model / d free parameter in its own unit, ``(m, free)``."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            if self.jacobian is not None:
+                return np.asarray(self.jacobian(values))[:, list(self.free)]
+            return self._differences(values)
+
+    def scaled_sensitivity(self, values: NDArray) -> NDArray:
+        """Return d (weight model) / d scaled free parameter, ``(m, free)``."""
+        slopes = [p.slope(values[i]) for i, p in zip(self.free, self.free_parameters, strict=True)]
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = self.w[:, None] * self.sensitivity(values) * np.array(slopes)
+            return np.clip(found, -HUGE, HUGE)
+
+    def _differences(self, values: NDArray) -> NDArray:
+        columns = []
+        for i, p in zip(self.free, self.free_parameters, strict=True):
+            step = 6e-6 * abs(p.slope(values[i]))
+            low, high = values.copy(), values.copy()
+            low[i], high[i] = max(values[i] - step, p.lower), min(values[i] + step, p.upper)
+            columns.append((self.model(high) - self.model(low)) / (high[i] - low[i]))
+        return np.array(columns).reshape(len(columns), len(self.data)).T
+
+    def held(self, name: str, value: float) -> Problem:
+        """Return the same problem with one parameter held."""
+        parameters = [replace(p, value=value) if p.name == name else p for p in self.parameters]
+        return replace(self, parameters=tuple(parameters))
+
+    def weighted(self, weights: NDArray) -> Problem:
+        """Return the same problem with further factors on the residuals."""
+        return replace(self, weights=self.w * weights)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start:
+    """Where one start led.
+
+    Attributes:
+        initial: Values of all parameters at the start.
+        values: Values at the end.
+        cost: Half the sum of squares at the end (of the loss, where it is not linear).
+        converged: The solver met its tolerance.
+        evaluations: Evaluations of the model.
+    """
+
+    initial: NDArray
+    values: NDArray
+    cost: float
+    converged: bool
+    evaluations: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """The best of all starts.
+
+    Attributes:
+        problem: What was fitted.
+        values: Values of all parameters, those held included.
+        cost: Half the sum of squares of the weighted residuals (of the loss, where it is not linear).
+        starts: Every start, best first.
+        loss: Name of the loss.
+        loss_scale: Residual at which the loss turns from squares.
+        seed: Seed of the starts.
+        seconds: Time it took [s].
+    """
+
+    problem: Problem
+    values: NDArray
+    cost: float
+    starts: tuple[Start, ...]
+    loss: str = "linear"
+    loss_scale: float = 1.0
+    seed: int = 0
+    seconds: float = 0.0
+
+    @property
+    def named(self) -> dict[str, float]:
+        """Values by name."""
+        return {p.name: float(v) for p, v in zip(self.problem.parameters, self.values, strict=True)}
+
+    @cached_property
+    def curve(self) -> NDArray:
+        """The model at the values found, ``(m,)``."""
+        return self.problem.model(self.values)
+
+    @property
+    def residual(self) -> NDArray:
+        """Model minus data, without weights, ``(m,)``."""
+        return self.curve - self.problem.data
+
+    @property
+    def half_squares(self) -> float:
+        """Half the sum of squares of the weighted residuals, whatever the loss."""
+        return float(np.sum((self.problem.w * self.residual) ** 2) / 2)
+
+    @cached_property
+    def jacobian(self) -> NDArray:
+        """Weighted, scaled Jacobian, ``(m, free)``."""
+        return self.problem.scaled_sensitivity(self.values)
+
+    @property
+    def converged(self) -> int:
+        """Number of starts that converged."""
+        return sum(start.converged for start in self.starts)
+
+    @property
+    def reached(self) -> int:
+        """Number of starts that converged to the same cost as the best."""
+        limit = self.cost * (1 + SAME) + _nothing(self.problem)
+        return sum(start.converged and start.cost <= limit for start in self.starts)
+
+    @cached_property
+    def at_bound(self) -> tuple[str | None, ...]:
+        """For each free parameter ``lower`` or ``upper`` where it ended there, else None."""
+        low, high = self.problem.bounds
+        x, span = self.problem.scaled(self.values), high - low
+        close = CLOSE * span
+        return tuple(
+            None if p.period is not None else "lower" if a else "upper" if b else None
+            for p, a, b in zip(self.problem.free_parameters, x - low <= close, high - x <= close, strict=True)
+        )
+
+
+def fit(
+    problem: Problem,
+    *,
+    starts: int = 32,
+    seed: int = 0,
+    first: Mapping[str, float] | None = None,
+    loss: str = "linear",
+    loss_scale: float = 1.0,
+    prepare: Callable[[Problem, NDArray], NDArray] | None = None,
+) -> Fit:
+    """Fit from many starts, drawn from a scrambled Sobol sequence, and return the best.
+
+    Args:
+        problem: What is fitted.
+        starts: Number of starts.
+        seed: Seed of the sequence.
+        first: Values of parameters in a first start of one's own, the others from the middle of their range.
+        loss: Loss of `scipy.optimize.least_squares`.
+        loss_scale: Residual at which the loss turns from squares.
+        prepare: Moves a start to a better place, ``(problem, scaled) -> scaled``; `linear_start` by default.
+
+    Raises:
+        CaseError: The loss is not known, or there are fewer observations than parameters.
+        ConvergenceError: No start led to a finite cost.
+    """
+    if loss not in LOSSES:
+        raise CaseError(f"unknown loss, expected one of {', '.join(LOSSES)}", key="loss", value=loss)
+    if len(problem.data) < len(problem.free):
+        message = f"{len(problem.data)} observations cannot fix {len(problem.free)} parameters"
+        raise CaseError(message, key="data")
+    began = time.perf_counter()
+    if not problem.free:
+        return _held(problem, loss, loss_scale)
+    found = []
+    for x in draw_starts(problem, starts, seed, first):
+        x = (prepare or linear_start)(problem, x)
+        found.append(solve(problem, x, loss=loss, loss_scale=loss_scale))
+    found = sorted((s for s in found if np.isfinite(s.cost)), key=lambda s: (not s.converged, s.cost))
+    if not found:
+        raise ConvergenceError("no start gave a finite model: narrow the bounds")
+    best = min(found, key=lambda s: s.cost)
+    return Fit(
+        problem=problem,
+        values=_snapped(problem, best.values),
+        cost=best.cost,
+        starts=tuple(found),
+        loss=loss,
+        loss_scale=loss_scale,
+        seed=seed,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def draw_starts(
+    problem: Problem, count: int, seed: int, first: Mapping[str, float] | None = None
+) -> list[NDArray]:
+    """Return scaled starts inside the range of each parameter."""
+    parameters = problem.free_parameters
+    low = np.array([p.scaled(p.range[0]) for p in parameters])
+    high = np.array([p.scaled(p.range[1]) for p in parameters])
+    power = max(int(np.ceil(np.log2(max(count, 1)))), 0)
+    cube = qmc.Sobol(len(parameters), scramble=True, seed=seed).random_base2(power)[:count]
+    found = list(low + cube * (high - low))
+    if first is not None:
+        middle = (low + high) / 2
+        own = [
+            p.scaled(first[p.name]) if p.name in first else m for p, m in zip(parameters, middle, strict=True)
+        ]
+        found = [np.clip(own, *problem.bounds), *found[: max(count - 1, 0)]]
+    return found
+
+
+def linear_start(problem: Problem, x: NDArray) -> NDArray:
+    """Return a start whose linear parameters are the best for the others, inside their bounds.
+
+    A positive one is given a share of the curve at least: from nothing the solver would not find it again.
+    """
+    which = [k for k, p in enumerate(problem.free_parameters) if p.linear]
+    if not which:
+        return x
+    values = problem.values(x)
+    columns = problem.w[:, None] * problem.sensitivity(values)[:, which]
+    now = np.array([values[problem.free[k]] for k in which])
+    with np.errstate(over="ignore", invalid="ignore"):
+        target = columns @ now - problem.residual(x)
+    if not (np.isfinite(columns).all() and np.isfinite(target).all() and np.any(columns, axis=0).all()):
+        return x
+    size = np.linalg.norm(columns, axis=0)
+    least = SHARE * np.linalg.norm(problem.w * problem.data) / size
+    low, high = (
+        np.array([getattr(problem.free_parameters[k], end) for k in which]) for end in ("lower", "upper")
+    )
+    best = optimize.lsq_linear(columns / size, target, (low * size, high * size)).x / size
+    x = x.copy()
+    for k, value, floor in zip(which, best, least, strict=True):
+        p = problem.free_parameters[k]
+        x[k] = p.scaled(float(np.clip(max(value, floor) if p.log else value, *p.bounds)))
+    return x
+
+
+def solve(
+    problem: Problem, x: NDArray, *, loss: str = "linear", loss_scale: float = 1.0, limit: int = 400
+) -> Start:
+    """Solve from one scaled start.
+
+    Args:
+        problem: What is fitted.
+        x: Scaled start.
+        loss: Loss of `scipy.optimize.least_squares`.
+        loss_scale: Residual at which the loss turns from squares.
+        limit: Most evaluations of the model.
+    """
+    low, high = problem.bounds
+    inside = 1e-9 * (high - low)
+    x = np.clip(x, low + inside, high - inside)
+    initial = problem.values(x)
+    if not (
+        np.isfinite(problem.residual(x)).all() and np.isfinite(problem.scaled_sensitivity(initial)).all()
+    ):
+        return Start(initial=initial, values=initial, cost=np.inf, converged=False, evaluations=1)
+    try:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            done = optimize.least_squares(
+                problem.residual,
+                x,
+                jac=lambda x: problem.scaled_sensitivity(problem.values(x)),
+                bounds=(low, high),
+                x_scale="jac",
+                loss=loss,
+                f_scale=loss_scale,
+                ftol=1e-12,
+                xtol=1e-12,
+                gtol=1e-12,
+                max_nfev=limit,
+            )
+    except (ValueError, np.linalg.LinAlgError):  # the model left the numbers that can be squared
+        return Start(initial=initial, values=initial, cost=np.inf, converged=False, evaluations=limit)
+    return Start(
+        initial=initial,
+        values=problem.values(done.x),
+        cost=float(done.cost),
+        converged=bool(done.success),
+        evaluations=int(done.nfev),
+    )
+
+
+def _snapped(problem: Problem, values: NDArray) -> NDArray:
+    """Return values with those that all but touch a bound put on it, where the curve does not change."""
+    moved = values.copy()
+    for i, p in zip(problem.free, problem.free_parameters, strict=True):
+        x, ends = p.scaled(values[i]), [p.scaled(end) for end in p.bounds]
+        for end, bound in zip(ends, p.bounds, strict=True):
+            if abs(x - end) <= CLOSE * (ends[1] - ends[0]):
+                moved[i] = bound
+    with np.errstate(over="ignore", invalid="ignore"):
+        change = np.abs(problem.w * (problem.model(moved) - problem.model(values))).max()
+    return moved if change <= 1e-6 * np.abs(problem.w * problem.data).max() else values
+
+
+def _held(problem: Problem, loss: str, loss_scale: float) -> Fit:
+    """Return the fit of a problem in which nothing is free."""
+    values = problem.values(np.empty(0))
+    cost = float(np.sum(problem.residual(np.empty(0)) ** 2) / 2)
+    start = Start(initial=values, values=values, cost=cost, converged=True, evaluations=1)
+    return Fit(problem=problem, values=values, cost=cost, starts=(start,), loss=loss, loss_scale=loss_scale)
+
+
+def _nothing(problem: Problem) -> float:
+    """Return the cost below which a fit is exact."""
+    return NOTHING * float(np.sum((problem.w * problem.data) ** 2) / 2)

@@ -1,0 +1,111 @@
+"""A deformed solid with its fields, and its file for ParaView."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valvefsi.errors import CaseError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+CORNERS = {5: 3, 9: 4, 10: 4, 12: 8, 22: 3, 28: 4, 24: 4, 69: 3, 70: 4, 71: 4, 72: 8}
+"""Corners of VTK's cells, the first nodes of each."""
+KINDS = {"triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12, "triangle6": 22, "quad9": 28, "tetra10": 24}
+KINDS |= {"VTK_LAGRANGE_HEXAHEDRON": 72}
+NAMES = {5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 22: "triangle6", 28: "quad9", 24: "tetra10"}
+NAMES |= {69: "triangle6", 70: "quad9", 71: "tetra10", 72: "VTK_LAGRANGE_HEXAHEDRON"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """A deformed solid.
+
+    Attributes:
+        points: Positions of the nodes, ``(num_nodes, 3)`` [cm].
+        cells: Nodes of the cells in VTK's order, ``(num_cells, k)``, by VTK cell type.
+        values: Scalars or vectors of the nodes by name, the unit in brackets at its end.
+        reference: Reference positions of the nodes, ``(num_nodes, 3)`` [cm]; drawn as an outline if given.
+        shown: Which scalar is drawn; the first one if left out.
+    """
+
+    points: NDArray
+    cells: Mapping[int, NDArray]
+    values: Mapping[str, NDArray] = field(default_factory=dict)
+    reference: NDArray | None = None
+    shown: str | None = None
+
+    @property
+    def dim(self) -> int:
+        """2 where all cells are flat, else 3."""
+        return 3 if any(kind in (10, 12, 24, 71, 72) for kind in self.cells) else 2
+
+    def scalar(self) -> tuple[str, NDArray]:
+        """Return name and values of the scalar that is drawn."""
+        scalars = {name: np.asarray(v) for name, v in self.values.items() if np.ndim(v) == 1}
+        name = self.shown if self.shown is not None else next(iter(scalars), None)
+        if name is None:
+            return "displacement [cm]", self._distance()
+        if name not in scalars:
+            raise CaseError(f"no such field; there are {', '.join(scalars)}", key="field", value=name)
+        return name, scalars[name]
+
+    def _distance(self) -> NDArray:
+        if self.reference is None:
+            return np.zeros(len(self.points))
+        return np.linalg.norm(self.points - self.reference, axis=1)
+
+
+def write_body(path: Path, body: Body) -> Path:
+    """Write a body with all its fields for ParaView, one ``.vtu``."""
+    import meshio
+
+    data = {name: np.asarray(values) for name, values in body.values.items()}
+    if body.reference is not None:
+        data["displacement [cm]"] = body.points - body.reference
+    cells = [(NAMES[int(kind)], np.asarray(nodes)) for kind, nodes in body.cells.items() if len(nodes)]
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}")
+    meshio.Mesh(body.points, cells, point_data=data).write(temporary, file_format="vtu")
+    temporary.replace(path)
+    return path
+
+
+def read_body(path: Path) -> Body:
+    """Read a ``.vtu`` that `write_body` or a run has written.
+
+    Raises:
+        CaseError: It is missing or holds no solid.
+    """
+    import meshio
+
+    try:
+        mesh = meshio.read(path)
+    except (OSError, meshio.ReadError, SystemExit) as error:
+        raise CaseError(f"cannot read this file: {error}", file=path) from error
+    cells = {KINDS[block.type]: block.data for block in mesh.cells if block.type in KINDS}
+    if not cells:
+        raise CaseError("no cells that can be drawn", file=path)
+    points = np.asarray(mesh.points, dtype=float)
+    values = {name: np.asarray(data).squeeze() for name, data in mesh.point_data.items()}
+    for name, blocks in mesh.cell_data.items():
+        values.setdefault(name, _to_nodes(len(points), mesh.cells, blocks))
+    moved = values.get("displacement [cm]", values.get("displacement"))
+    return Body(
+        points=points, cells=cells, values=values, reference=None if moved is None else points - moved
+    )
+
+
+def _to_nodes(count: int, cells: Sequence, blocks: Sequence[NDArray]) -> NDArray:
+    """Average values of cells in their nodes."""
+    sums, number = np.zeros(count), np.zeros(count)
+    for block, data in zip(cells, blocks, strict=True):
+        np.add.at(sums, block.data, np.asarray(data, dtype=float).reshape(-1, 1))
+        np.add.at(number, block.data, 1.0)
+    return sums / np.maximum(number, 1.0)
