@@ -39,8 +39,12 @@ def strains_under(material: HGO, values: Sequence[float], loads: np.ndarray) -> 
         return (material.stress(v, state)[:, 0] - target) / np.abs(loads).max()
 
     for load in loads:
-        done = optimize.root(out_of_balance, guess, args=(np.array([*load, 0.0]),), method="lm", tol=1e-13)
-        if np.abs(done.fun).max() > 1e-9:
+        target = np.array([*load, 0.0])
+        tried = (
+            optimize.root(out_of_balance, guess, args=(target,), method=m, tol=1e-13) for m in ("hybr", "lm")
+        )
+        done = next((answer for answer in tried if np.abs(answer.fun).max() < 1e-9), None)
+        if done is None:
             raise RuntimeError(f"no strain carries {load} kPa")
         guess = done.x
         found.append(guess)

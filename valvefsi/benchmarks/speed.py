@@ -15,6 +15,7 @@ import numpy as np
 import scipy.fft
 from mpi4py import MPI
 
+from valvefsi.benchmarks import elastic_speed
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.errors import CaseError
 from valvefsi.fluid.advection import SCHEMES
@@ -59,10 +60,13 @@ def run(
         _measure((n,) * dim, steps, parameters, pair, comm) for n, pair in zip(sizes, pairs, strict=True)
     ]
     table = [_row(g, dim, comm.size, parameters["advection"] == "xsppm7") for g in grids]
+    elastic = elastic_speed.measure(comm)
+    table.append(elastic.pop("row"))
     result = {
         "benchmark": "speed",
         "parameters": parameters | {"sizes": list(sizes), "dim": dim, "steps": steps},
         "grids": grids,
+        "elastic_force": elastic,
         "table": table,
         "environment": environment(comm),
     }
