@@ -76,6 +76,7 @@ def run(
 
         heading = f"One fluid step on {comm.size} rank{'s' * (comm.size > 1)}"
         phase_bars(Path(out) / "speed.png", {f"{g['N']}^{dim}": g["phases_ms"] for g in grids}, title=heading)
+    comm.barrier()
     return result
 
 
