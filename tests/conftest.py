@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
@@ -24,3 +25,10 @@ def shared_tmp(tmp_path, comm):
     comm.barrier()
     yield Path(path)
     comm.barrier()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _collect():
+    """Free the communicators of unused meshes, of which an MPI library has only some two thousand."""
+    yield
+    gc.collect()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 
 from valvefsi import dolfinx_compat  # noqa: F401
@@ -42,3 +45,13 @@ def test_a_failed_solve_leaves_the_state_as_it_was(comm):
     converged, _ = newton.solve()
     assert not converged
     np.testing.assert_array_equal(u.x.array, 0.5)
+
+
+def test_a_solver_that_nobody_holds_is_gone_and_its_mesh_with_it(comm):
+    _, newton = problem(comm)
+    newton.set_tolerances(1e-12, 1e-14, 30)
+    newton.solve()
+    held = weakref.ref(newton)
+    del newton
+    gc.collect()
+    assert held() is None

@@ -15,6 +15,8 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
+from valvefsi.solid.newton import weak
+
 NUMBERS = itertools.count()
 """Numbers of the solvers made so far, the same on all ranks."""
 
@@ -74,8 +76,8 @@ class BlockNewton:
         prefix = f"valvefsi_fieldsplit_{next(NUMBERS)}_"
         self._snes = PETSc.SNES().create(comm)
         self._snes.setOptionsPrefix(prefix)  # before getKSP, which takes it over
-        self._snes.setFunction(self._assemble_residual, self._b)
-        self._snes.setJacobian(self._assemble_tangent, self._A)
+        self._snes.setFunction(weak(self._assemble_residual), self._b)
+        self._snes.setJacobian(weak(self._assemble_tangent), self._A)
         self._snes.setType("newtonls")
         ksp = self._snes.getKSP()
         ksp.setType("fgmres")
@@ -126,6 +128,18 @@ class BlockNewton:
                 f.x.array[:] = values
         self.linear_iterations.append(self._snes.getLinearSolveIterations())
         return converged, self._snes.getIterationNumber()
+
+    def destroy(self) -> None:
+        """Free what PETSc holds (collective); petsc4py leaves it to the end of the program on several ranks."""
+        for thing in (
+            self._snes,
+            self._A,
+            self._S,
+            *(m for row in self._blocks for m in row),
+            self._b,
+            self._x,
+        ):
+            thing.destroy()
 
     def _load(self, x: PETSc.Vec) -> None:
         """Copy ``x`` with its ghosts into the state."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from typing import TYPE_CHECKING
 
 from valvefsi import dolfinx_compat as compat
@@ -12,9 +13,19 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from dolfinx import fem
+
+
+def weak(method: Callable[..., None]) -> Callable[..., None]:
+    """Return a callback that does not keep the method's object alive.
+
+    PETSc holds its callbacks where Python's garbage collection cannot see them: a solver that calls back its own
+    owner would live for ever, and with it the mesh and its MPI communicators.
+    """
+    reference = weakref.WeakMethod(method)
+    return lambda *arguments: reference()(*arguments)
 
 
 class Newton:
@@ -39,8 +50,8 @@ class Newton:
         self._b = self._x.duplicate()
         self._A = fem_petsc.create_matrix(self._tangent)
         self._snes = PETSc.SNES().create(state.function_space.mesh.comm)
-        self._snes.setFunction(self._assemble_residual, self._b)
-        self._snes.setJacobian(self._assemble_tangent, self._A)
+        self._snes.setFunction(weak(self._assemble_residual), self._b)
+        self._snes.setJacobian(weak(self._assemble_tangent), self._A)
         self._snes.setType("newtonls")
         ksp = self._snes.getKSP()
         ksp.setType("preonly")
@@ -70,6 +81,11 @@ class Newton:
         else:
             self._state.x.array[:] = start
         return converged, self._snes.getIterationNumber()
+
+    def destroy(self) -> None:
+        """Free what PETSc holds (collective); petsc4py leaves it to the end of the program on several ranks."""
+        for thing in (self._snes, self._A, self._b, self._x):
+            thing.destroy()
 
     def _load(self, x: PETSc.Vec) -> None:
         """Copy ``x`` with its ghosts into the state."""

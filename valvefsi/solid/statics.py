@@ -179,8 +179,11 @@ def solve(
     problem = SOLVERS[options.solver](body, formulation)
     absolute = 1e-13 * material.shear_modulus * body.size ** (mesh.dim - 1)
     problem.set_tolerances(options.relative_tolerance, absolute, options.max_iterations)
-    steps = _follow_load(problem, options)
-    displacement, pressure = problem.fields()
+    try:
+        steps = _follow_load(problem, options)
+        displacement, pressure = problem.fields()
+    finally:
+        problem.newton.destroy()
     if pressure is None:
         pressure = _project(formulation.pressure(mesh, material, displacement), mesh)
     displacement.name, pressure.name = "displacement", "pressure"
@@ -192,7 +195,9 @@ def _project(value: object, mesh: object) -> fem.Function:
     space = fem.functionspace(mesh.mesh, ("Lagrange", 1))
     projected = fem.Function(space)
     residual = (projected - value) * ufl.TestFunction(space) * ufl.dx(domain=mesh.mesh, degree=4)
-    Newton(projected, residual, []).solve()
+    newton = Newton(projected, residual, [])
+    newton.solve()
+    newton.destroy()
     return projected
 
 
