@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -45,3 +47,12 @@ def test_a_dolfinx_without_the_wheel_imports_too():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_compilation_that_was_killed_is_forgotten_and_others_are_not(tmp_path):
+    now = time.time()
+    for name, age in (("killed.c", 1000), ("done.c", 1000), ("done.c.cached", 1000), ("running.c", 10)):
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, (now - age, now - age))
+    assert compat.forget_interrupted_compilations(tmp_path) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"done.c", "done.c.cached", "running.c"}

@@ -7,12 +7,16 @@ loads MPI ahead of the compiled modules.
 from __future__ import annotations
 
 import contextlib
+import functools
+import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 with contextlib.suppress(ImportError):  # a DOLFINx from apt, conda or source needs no such help
     import dolfinx_solver  # noqa: F401
 
 import dolfinx
+import dolfinx.jit
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
@@ -45,13 +49,36 @@ hence no -ffast-math.
 """
 
 
+@functools.cache
+def forget_interrupted_compilations(cache_dir: Path | None = None, age: float = 120.0) -> int:
+    """Remove what a killed compilation has left in the cache of forms; FFCx would wait for it to end and give up.
+
+    Args:
+        cache_dir: Folder of the cache; by default that of DOLFINx.
+        age: Sources without a result are left alone until they are so old [s].
+
+    Returns:
+        Number of forms forgotten.
+    """
+    folder = Path(cache_dir or dolfinx.jit.get_options()["cache_dir"])
+    forgotten = 0
+    for source in folder.glob("*.c"):
+        with contextlib.suppress(OSError):  # another process may be faster
+            if not source.with_suffix(".c.cached").exists() and time.time() - source.stat().st_mtime > age:
+                source.unlink()
+                forgotten += 1
+    return forgotten
+
+
 def compile_form(form: object) -> fem.Form:
     """Compile a UFL form (collective)."""
+    forget_interrupted_compilations()
     return fem.form(form, jit_options=JIT_OPTIONS)
 
 
 def compile_expression(expression: object, points: NDArray[np.float64], comm: MPI.Comm) -> fem.Expression:
     """Compile a UFL expression for ``points (num_points, tdim)`` of the reference cell (collective)."""
+    forget_interrupted_compilations()
     return fem.Expression(expression, points, comm=comm, jit_options=JIT_OPTIONS)
 
 
