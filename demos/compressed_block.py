@@ -21,7 +21,8 @@ from valvefsi.geometry.shapes import compressed_block
 from valvefsi.grid import MacGrid
 from valvefsi.io.history import read_history
 from valvefsi.recording import Output, Probe
-from valvefsi.simulation import Schedule, Simulation
+from valvefsi.schedule import Schedule
+from valvefsi.simulation import Simulation
 from valvefsi.solid import statics
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean

@@ -11,7 +11,8 @@ from valvefsi.fsi import Model
 from valvefsi.geometry.shapes import compressed_block
 from valvefsi.grid import MacGrid
 from valvefsi.recording import Output, Probe
-from valvefsi.simulation import Schedule, Simulation
+from valvefsi.schedule import Schedule
+from valvefsi.simulation import Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure

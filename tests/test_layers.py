@@ -16,7 +16,7 @@ LAYERS = [
     {"grid"},
     {"fluid", "solid", "coupling", "circulation", "geometry", "diagnostics", "io"},
     {"fsi"},
-    {"recording"},
+    {"recording", "schedule"},
     {"pictures"},
     {"simulation"},
     {"planning"},

@@ -42,6 +42,7 @@ class Output:
         history_every: Steps between rows of the history, and between the checks that need all elements.
         frames: Number of ParaView frames over the whole run, 0 for none.
         checkpoint_every: Steps between checkpoints, 0 for one at the end only.
+        checkpoint_wall_s: Wall-clock time between checkpoints, 0 for none by the clock [s].
         keep_checkpoints: Number of checkpoints to keep.
         probes: Nodes to follow.
         provenance: What is kept with every checkpoint.
@@ -51,6 +52,7 @@ class Output:
     history_every: int = 100
     frames: int = 0
     checkpoint_every: int = 0
+    checkpoint_wall_s: float = 0.0
     keep_checkpoints: int = 2
     probes: tuple[Probe, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)

@@ -19,28 +19,9 @@ from valvefsi.fsi import Model, State
 from valvefsi.grid import Array, MacGrid
 from valvefsi.memory import keep_freed_memory
 from valvefsi.recording import Output, Recorder, load_state, refuse_to_overwrite, save_state
+from valvefsi.schedule import AdaptiveSchedule, Schedule
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Schedule:
-    """The steps of a run.
-
-    Attributes:
-        dt: Length of a step [s].
-        t_end: End of the run [s].
-        cfl_max: Largest Courant number ``|u| dt / h`` that is accepted.
-    """
-
-    dt: float
-    t_end: float
-    cfl_max: float = 0.5
-
-    @property
-    def num_steps(self) -> int:
-        """Number of steps from 0 to the end, rounded to a whole one."""
-        return max(1, round(self.t_end / self.dt))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,12 +33,14 @@ class Outcome:
         steps: Steps taken in this run, without those before a restart.
         wall_s: Wall-clock time of these steps [s].
         phases: Wall-clock time on rank 0 by phase [s].
+        recoveries: Each return to an earlier state: time it failed at and went back to, next step, reason.
     """
 
     state: State
     steps: int
     wall_s: float
     phases: dict[str, float] = field(default_factory=dict)
+    recoveries: tuple[dict[str, object], ...] = ()
 
     def timing(self, grid: MacGrid) -> dict[str, object]:
         """Steps, cells, wall-clock time, cell steps per second and phases, as in ``result.json``."""
@@ -68,6 +51,7 @@ class Outcome:
             "wall_s": self.wall_s,
             "cell_steps_per_s": cells * self.steps / self.wall_s,
             "phases": self.phases,
+            "recoveries": list(self.recoveries),
         }
 
 
@@ -76,17 +60,22 @@ class Simulation:
 
     Args:
         model: The model.
-        schedule: The steps.
+        schedule: The steps, fixed or adaptive.
         output: What is written.
         initial: State at t = 0; the fluid at rest by default.
     """
 
     def __init__(
-        self, model: Model, schedule: Schedule, output: Output, initial: State | None = None
+        self,
+        model: Model,
+        schedule: Schedule | AdaptiveSchedule,
+        output: Output,
+        initial: State | None = None,
     ) -> None:
         self.model, self.schedule, self.output = model, schedule, output
         self.initial = initial
         self.phases: dict[str, float] = defaultdict(float)
+        self.recoveries: list[dict[str, object]] = []
 
     def run(self, *, resume: bool = False, progress: Progress | None = None) -> Outcome:
         """Run to the end, or until something is wrong.
@@ -108,14 +97,20 @@ class Simulation:
         state = self._first_state(resume)
         recorder = Recorder(self.model, self.output, state if resume else None)
         if not resume:
-            self._record(recorder, state)
+            self._record(recorder, None, state)
         started, first = time.perf_counter(), state.step
         with _signals() as received:
             state = self._march(state, recorder, received, progress)
         wall = time.perf_counter() - started
         with self._clock("output"):
             save_state(self.model, state, self.output, finished=True)
-        return Outcome(state=state, steps=state.step - first, wall_s=wall, phases=dict(self.phases))
+        return Outcome(
+            state=state,
+            steps=state.step - first,
+            wall_s=wall,
+            phases=dict(self.phases),
+            recoveries=tuple(self.recoveries),
+        )
 
     def pictures(
         self, state: State, title: str = "", references: Mapping[str, tuple[str, float]] | None = None
@@ -150,21 +145,27 @@ class Simulation:
     def _march(
         self, state: State, recorder: Recorder, received: list[int], progress: Progress | None
     ) -> State:
-        model, dt, last = timed(self.model, self.phases), self.schedule.dt, self.schedule.num_steps
-        good, row = state, {}
-        while state.step < last:
+        model, schedule = timed(self.model, self.phases), self.schedule
+        rate = self.model.grid.comm.allreduce(
+            diagnostics.local_courant_rate(self.model.grid, state.u), op=MPI.MAX
+        )
+        good, row, cuts, retries, saved = (state, rate), {}, 0, 0, time.perf_counter()
+        while not schedule.finished(state):
             try:
-                new = fsi.step(model, state, dt)
-                stop = self._check(new, received)
-                if self._due(new):
-                    row = self._record(recorder, new)
-                    good = new
+                new = fsi.step(model, state, schedule.next_dt(state, rate) * (0.5**cuts))
+                rate, stop, late = self._check(new, received, time.perf_counter() - saved)
+                if self._due(state, new):
+                    row = self._record(recorder, state, new)
+                    good, retries = (new, rate), 0
             except StabilityError as error:
-                raise self._explained(error, good) from None
-            state = new
+                retries += 1
+                state, rate, cuts = self._go_back(error, good, retries)
+                continue
+            state, cuts = new, 0
             if progress is not None:
-                progress(state.step, state.t, self.schedule.t_end, row)
-            if stop or self._checkpoint_due(state):
+                progress(state.step, state.t, schedule.t_end, row)
+            if stop or late or self._checkpoint_due(state):
+                saved = time.perf_counter()
                 with self._clock("output"):
                     path = save_state(model, state, self.output)
                 if stop:
@@ -175,39 +176,50 @@ class Simulation:
                     )
         return state
 
-    def _due(self, state: State) -> bool:
+    def _due(self, old: State, new: State) -> bool:
         """Whether the elements are checked: whatever is written has passed."""
-        every, last = self.output.history_every, self.schedule.num_steps
-        regular = state.step % every == 0 or state.step == last
-        return regular or self._frame_due(state.step) or self._checkpoint_due(state)
+        return self._row_due(new) or self._frame_due(old, new) or self._checkpoint_due(new)
 
-    def _frame_due(self, step: int) -> bool:
-        frames, last = self.output.frames, self.schedule.num_steps
-        return bool(frames) and (step * frames) // last != ((step - 1) * frames) // last
+    def _row_due(self, state: State) -> bool:
+        return state.step % self.output.history_every == 0 or self.schedule.finished(state)
+
+    def _frame_due(self, old: State, new: State) -> bool:
+        first, last = (math.floor(self.schedule.share(s) * self.output.frames + 1e-9) for s in (old, new))
+        return first != last
 
     def _checkpoint_due(self, state: State) -> bool:
         every = self.output.checkpoint_every
-        return bool(every) and state.step % every == 0 and state.step < self.schedule.num_steps
+        return bool(every) and state.step % every == 0 and not self.schedule.finished(state)
 
-    def _record(self, recorder: Recorder, state: State) -> dict[str, float]:
+    def _record(self, recorder: Recorder, old: State | None, state: State) -> dict[str, float]:
         """Write a row of the history, and a frame where one is due; check the elements first."""
         with self._clock("output"):
             row = recorder.row(state)
             self._check_elements(row, state)
-            every = self.output.history_every
-            if state.step % every == 0 or state.step == self.schedule.num_steps:
+            if self._row_due(state):
                 recorder.history.append(row)
-            if state.step == 0 or self._frame_due(state.step):
+            if old is None or self._frame_due(old, state):
                 recorder.frame(state)
         return row
 
-    def _check(self, state: State, received: list[int]) -> int:
-        """Raise where the velocity is out of bounds; return the signal that any rank has received, or 0."""
+    def _check(self, state: State, received: list[int], unsaved: float) -> tuple[float, int, bool]:
+        """Raise where the velocity is out of bounds; look round for signals and the clock.
+
+        Args:
+            state: The new state.
+            received: Signals that this rank has received.
+            unsaved: Wall-clock time since the last checkpoint [s].
+
+        Returns:
+            Largest ``|u| / h`` [1/s], the signal that any rank has received (or 0), whether a checkpoint is due.
+        """
+        every = self.output.checkpoint_wall_s
         local = diagnostics.local_courant_rate(self.model.grid, state.u)
-        values = np.array([local * state.dt, received[-1] if received else 0.0])
+        values = np.array([local, received[-1] if received else 0.0, float(0.0 < every < unsaved)])
         with self._clock("checks"):
             self.model.grid.comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
-        courant, stop = values
+        rate, stop, late = values
+        courant = rate * state.dt
         if not courant <= self.schedule.cfl_max:
             speed, place = diagnostics.fastest_place(self.model.grid, state.u)
             where = f"at {_place(place, self.model.grid.dim)}, t = {state.t:.6g} s (step {state.step})"
@@ -219,7 +231,7 @@ class Simulation:
                 f"the Courant number is {courant:.3g} > {self.schedule.cfl_max:g} {where}, |u| = {speed:.3g} cm/s; "
                 "try a smaller time step"
             )
-        return int(stop)
+        return rate, int(stop), bool(late)
 
     def _check_elements(self, row: dict[str, float], state: State) -> None:
         for solid, chi in zip(self.model.solids, state.chi, strict=True):
@@ -240,6 +252,17 @@ class Simulation:
             nodes = np.concatenate(list(cells.values()))[np.argmin(np.nan_to_num(J, nan=-np.inf))]
             place = points[nodes].mean(axis=0)
         return self.model.grid.comm.bcast(place)
+
+    def _go_back(
+        self, error: StabilityError, good: tuple[State, float], retries: int
+    ) -> tuple[State, float, int]:
+        """Return the last good state, its rate and how often to halve the next step; or give up."""
+        state, rate = good
+        if len(self.recoveries) >= self.schedule.max_recoveries:
+            raise self._explained(error, state) from None
+        dt = self.schedule.next_dt(state, rate) * 0.5**retries
+        self.recoveries.append({"t_s": state.t, "step": state.step, "dt_s": dt, "reason": str(error)})
+        return state, rate, retries
 
     def _explained(self, error: StabilityError, good: State) -> StabilityError:
         path = save_state(self.model, good, self.output)

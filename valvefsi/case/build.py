@@ -23,7 +23,8 @@ from valvefsi.geometry import shapes
 from valvefsi.grid import MacGrid
 from valvefsi.planning import plan
 from valvefsi.recording import Output, Probe
-from valvefsi.simulation import Progress, Schedule, Simulation
+from valvefsi.schedule import AdaptiveSchedule, Schedule
+from valvefsi.simulation import Progress, Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.structure import Discretisation, Structure
 
@@ -53,8 +54,14 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
     solids = tuple(build_solid(case, number, comm) for number in range(len(case.solid)))
     couplings = tuple(Coupling(grid, solid.kernel) for solid in case.solid)
     model = Model(grid=grid, fluid=fluid, solids=solids, couplings=couplings)
-    schedule = Schedule(dt=case.dt, t_end=case.time.t_end, cfl_max=case.time.cfl_max)
-    return Simulation(model, schedule, _output(case, out))
+    return Simulation(model, _schedule(case), _output(case, out))
+
+
+def _schedule(case: Case) -> Schedule | AdaptiveSchedule:
+    limits = {"dt": case.dt, "t_end": case.time.t_end, "cfl_max": case.time.cfl_max}
+    if case.time.control == "fixed":
+        return Schedule(**limits)
+    return AdaptiveSchedule(**limits, cfl=case.time.cfl, max_recoveries=case.time.max_recoveries)
 
 
 def write_case(case: Case, out: Path, comm: MPI.Comm) -> None:
@@ -206,6 +213,7 @@ def _output(case: Case, out: Path) -> Output:
         history_every=case.output.history_every,
         frames=case.output.frames,
         checkpoint_every=case.output.checkpoint_every,
+        checkpoint_wall_s=case.output.checkpoint_wall,
         keep_checkpoints=case.output.keep_checkpoints,
         probes=probes,
         provenance=to_dict(case),

@@ -143,13 +143,25 @@ class TimeStepping(Table):
         None, gt=0, description="Time step per grid spacing, dt = dt_per_h h", examples=["0.001 s/cm"]
     )
     t_end: Time = Field(gt=0, description="End of the run")
+    control: Literal["fixed", "adaptive"] = Field(
+        "fixed",
+        description='"fixed": every step is dt; "adaptive": dt is the largest step, shorter where cfl asks for it',
+    )
+    cfl: float = Field(0.25, gt=0, le=1, description="CFL number |u| dt/h that adaptive steps aim at")
     cfl_max: float = Field(0.5, gt=0, le=1, description="Largest CFL number |u| dt/h that is accepted")
+    max_recoveries: int = Field(
+        5,
+        ge=0,
+        description="adaptive only: times the run may go back to its last good state and take shorter steps",
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.dt is None) == (self.dt_per_h is None):
             found = "neither is given" if self.dt is None else "both are given"
             raise problem(f"give dt or dt_per_h; {found}", "dt", self.dt)
+        if self.control == "adaptive" and self.cfl > self.cfl_max:
+            raise problem(f"expected at most cfl_max, {self.cfl_max:g}", "cfl", self.cfl)
         return self
 
     def step(self, h: float) -> float:
@@ -322,6 +334,9 @@ class Output(Table):
     frames: int = Field(20, ge=0, description="Frames of the ParaView series over the run, 0 for none")
     checkpoint_every: int = Field(
         10000, ge=0, description="Steps between two checkpoints, 0 for one at the end"
+    )
+    checkpoint_wall: Time = Field(
+        0.0, ge=0, description="Wall-clock time between two checkpoints, 0 for none by the clock"
     )
     keep_checkpoints: int = Field(2, ge=1, description="Checkpoints that are kept")
 

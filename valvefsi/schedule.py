@@ -1,0 +1,106 @@
+"""The steps of a run: fixed, or as long as the Courant number allows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from valvefsi.fsi import State
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """Steps of one length.
+
+    Attributes:
+        dt: Length of a step [s].
+        t_end: End of the run [s].
+        cfl_max: Largest Courant number ``|u| dt / h`` that is accepted.
+        max_recoveries: Times a run may go back to its last good state; none, as the step is not to be changed.
+    """
+
+    dt: float
+    t_end: float
+    cfl_max: float = 0.5
+    max_recoveries: int = 0
+
+    @property
+    def num_steps(self) -> int:
+        """Number of steps from 0 to the end, rounded to a whole one."""
+        return max(1, round(self.t_end / self.dt))
+
+    def finished(self, state: State) -> bool:
+        """Whether a state is the last one."""
+        return state.step >= self.num_steps
+
+    def next_dt(self, state: State, rate: float) -> float:  # what `AdaptiveSchedule` looks at
+        """Return the length of the step after a state [s]."""
+        return self.dt
+
+    def share(self, state: State) -> float:
+        """Return the part of the run that is done, 0 to 1."""
+        return state.step / self.num_steps
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptiveSchedule:
+    """Steps limited by the Courant number; each follows from the state alone, so a restart takes the same ones.
+
+    The next step is the smallest of the largest step, the last one times ``growth``, and ``cfl`` over the largest
+    ``|u| / h``; the last two steps share what is left of the run.
+
+    Attributes:
+        dt: Largest step; limits of stability other than the Courant number belong in it [s].
+        t_end: End of the run [s].
+        cfl: Courant number that is aimed at.
+        cfl_max: Largest Courant number that is accepted.
+        growth: Largest ratio of a step to the one before.
+        max_recoveries: Times a run may go back to its last good state and take shorter steps.
+
+    Raises:
+        ValueError: ``cfl`` is above ``cfl_max``, or ``growth`` not above 1.
+    """
+
+    dt: float
+    t_end: float
+    cfl: float = 0.25
+    cfl_max: float = 0.5
+    growth: float = 1.1
+    max_recoveries: int = 5
+
+    def __post_init__(self) -> None:
+        """Check the limits."""
+        if not 0.0 < self.cfl <= self.cfl_max or not self.growth > 1.0:
+            raise ValueError(
+                f"expected 0 < cfl <= cfl_max and growth > 1, got {self.cfl}, {self.cfl_max}, {self.growth}"
+            )
+
+    @property
+    def num_steps(self) -> int:
+        """Smallest number of steps from 0 to the end."""
+        return max(1, math.ceil(self.t_end / self.dt - 1e-9))
+
+    def finished(self, state: State) -> bool:
+        """Whether a state is the last one."""
+        return state.t > self.t_end * (1.0 - 1e-12)
+
+    def next_dt(self, state: State, rate: float) -> float:
+        """Return the length of the step after a state.
+
+        Args:
+            state: The state.
+            rate: Its largest ``|u_d| / h_d`` over all faces [1/s].
+
+        Returns:
+            Length of the next step [s].
+        """
+        dt = self.dt if state.step == 0 else min(self.dt, self.growth * state.dt)
+        if rate > 0.0:
+            dt = min(dt, self.cfl / rate)
+        left = self.t_end - state.t
+        steps = math.ceil(left / dt - 1e-9)
+        return left / steps if steps <= 2 else dt
+
+    def share(self, state: State) -> float:
+        """Return the part of the run that is done, 0 to 1."""
+        return min(1.0, state.t / self.t_end)
