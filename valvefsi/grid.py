@@ -21,12 +21,15 @@ Faces = tuple[Array, ...]
 GHOSTS = 4
 """Ghost layers: the upwind reconstruction reaches four, the widest kernel (six points) three."""
 
+UNIFORM = 1e-9
+"""Relative difference of widths that counts as none."""
+
 DEPTH = 1.0
 """Thickness of a two-dimensional grid [cm]."""
 
 
 class MacGrid:
-    """A uniform staggered grid over a box, divided among the ranks of a communicator.
+    """A staggered grid over a box, divided among the ranks of a communicator; uniform, or graded by `graded`.
 
     Args:
         lower: Lower corner of the box, ``(2,)`` or ``(3,)`` [cm].
@@ -35,6 +38,15 @@ class MacGrid:
         periodic: Whether each axis is periodic, same length.
         comm: Communicator; the world by default.
         process_grid: Ranks along axes 0 and 1; chosen when not given.
+
+    Attributes:
+        spacing: Grid spacing, the smallest on a graded axis [cm].
+        cell_widths: Widths of all cells along each axis [cm].
+        widths: Widths of the local cells along each axis, ghosts included [cm].
+        gaps: Distance of the centres on both sides of each local face, ghosts included [cm].
+        uniform: Whether each axis has one spacing.
+        fine: Along each axis the bounds of the region where cells have the smallest width, ``(2,)`` [cm].
+        origin: Where cell 0 would begin if all cells had the width of those in ``fine``, ``(3,)`` [cm].
 
     Raises:
         ValueError: Lengths differ, an extent or a cell count is not positive, or a rank would own fewer cells than
@@ -65,6 +77,67 @@ class MacGrid:
         self.comm = comm
         self.process_grid = process_grid or self._choose_process_grid(comm.size)
         self._divide()
+        self._set_widths([np.full(n, h) for n, h in zip(self.cells, self.spacing, strict=True)])
+
+    @classmethod
+    def graded(
+        cls,
+        edges: Sequence[Sequence[float]],
+        periodic: Sequence[bool],
+        comm: MPI.Comm = MPI.COMM_WORLD,
+        process_grid: tuple[int, int] | None = None,
+    ) -> MacGrid:
+        """Return a grid from the positions of the cells' edges, see `valvefsi.grading`.
+
+        Args:
+            edges: Increasing positions along each axis, 2 or 3 of ``(cells + 1,)`` [cm].
+            periodic: Whether each axis is periodic, same length.
+            comm: Communicator; the world by default.
+            process_grid: Ranks along axes 0 and 1; chosen when not given.
+
+        Raises:
+            ValueError: As for the class, or positions do not increase.
+        """
+        edges = [np.asarray(e, dtype=float) for e in edges]
+        if any(e.ndim != 1 or len(e) < 2 or not np.all(np.diff(e) > 0.0) for e in edges):
+            raise ValueError("the edges of cells must increase along every axis")
+        grid = cls(
+            [e[0] for e in edges],
+            [e[-1] for e in edges],
+            [len(e) - 1 for e in edges],
+            periodic,
+            comm,
+            process_grid,
+        )
+        widths = [np.diff(e) for e in edges] + [grid.cell_widths[2]][: 3 - grid.dim]
+        grid._set_widths(
+            [
+                w if np.ptp(w) > UNIFORM * w.max() else uniform
+                for w, uniform in zip(widths, grid.cell_widths, strict=True)
+            ]
+        )
+        return grid
+
+    def _set_widths(self, widths: Sequence[Array]) -> None:
+        """Set what follows from the widths of all cells along each axis."""
+        self.cell_widths = tuple(widths)
+        self.uniform = tuple(bool(np.ptp(w) == 0.0) for w in widths)
+        self.spacing = np.array([w.min() for w in widths])
+        self.widths, self.gaps, self._edges = [], [], []
+        self.fine, self.origin = [], np.zeros(3)
+        for axis, w in enumerate(widths):
+            g, first = self.ghosts[axis], self.start[axis]
+            wide = np.pad(w, g + 1, mode="wrap" if self.periodic[axis] else "symmetric")
+            local = slice(first + 1, first + 1 + self.shape[axis])
+            self.widths.append(wide[local])
+            self.gaps.append(0.5 * (wide[first : first + self.shape[axis]] + wide[local]))
+            edges = self.lower[axis] + np.concatenate([[0.0], np.cumsum(w)])
+            outer = np.cumsum(wide) - np.cumsum(wide)[g] + self.lower[axis]
+            self._edges.append(outer[first : first + self.shape[axis] + 1])
+            small = np.flatnonzero(w <= w.min() * (1.0 + UNIFORM))
+            run = small[: np.argmax(np.diff(small, append=small[-1] + 2) > 1) + 1]  # the first without a gap
+            self.fine.append((edges[run[0]], edges[run[-1] + 1]))
+            self.origin[axis] = self.lower[axis] if self.uniform[axis] else edges[run[0]] - run[0] * w.min()
 
     def _choose_process_grid(self, ranks: int) -> tuple[int, int]:
         """Prefer slabs along axis 0 (one transpose fewer), pencils where the slabs would be thinner than the ghosts."""
@@ -126,8 +199,18 @@ class MacGrid:
 
     def coordinates(self, axis: int, *, on_faces: bool) -> Array:
         """Positions along an axis of all local entries, ghosts included [cm]."""
+        if not self.uniform[axis]:
+            edges = self._edges[axis]
+            return edges[:-1].copy() if on_faces else 0.5 * (edges[:-1] + edges[1:])
         index = np.arange(self.shape[axis]) - self.ghosts[axis] + self.start[axis]
         return self.lower[axis] + (index + (0.0 if on_faces else 0.5)) * self.spacing[axis]
+
+    def centres(self, axis: int) -> Array:
+        """Positions of the centres of all cells along an axis, of all ranks [cm]."""
+        if self.uniform[axis]:
+            return self.lower[axis] + (np.arange(self.cells[axis]) + 0.5) * self.spacing[axis]
+        edges = self.lower[axis] + np.concatenate([[0.0], np.cumsum(self.cell_widths[axis])])
+        return 0.5 * (edges[:-1] + edges[1:])
 
     def points(self, d: int | None = None) -> Faces:
         """Open-mesh coordinates of the local cell centres (None) or of the faces of component d, ghosts included."""
@@ -136,8 +219,20 @@ class MacGrid:
 
     @property
     def cell_volume(self) -> float:
-        """Volume of a cell [cm^3]."""
+        """Volume of the smallest cell, that of every cell of a uniform grid [cm^3]."""
         return float(np.prod(self.spacing))
+
+    def volumes(self, d: int | None = None) -> Array:
+        """Volumes of the local cells (None) or of the control volumes of component d, ghosts included [cm^3].
+
+        A face on a side that is not periodic has half the volume of one inside.
+        """
+        sizes = [self.gaps[a] if a == d else self.widths[a] for a in range(3)]
+        if d is not None and not self.periodic[d]:
+            sizes[d] = sizes[d].copy()
+            g, n = self.ghosts[d], self.size[d]
+            sizes[d][[i for i, at_end in ((g, self.is_first[d]), (g + n, self.is_last[d])) if at_end]] *= 0.5
+        return sizes[0][:, None, None] * sizes[1][:, None] * sizes[2]
 
     # Ghost layers -----------------------------------------------------------------------------------------------
 

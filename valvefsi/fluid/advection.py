@@ -23,16 +23,17 @@ kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy
 
 
 @kernel
-def centred(out: Array, u: tuple, d: int, inv_h: tuple, strides: tuple, bounds: tuple) -> None:
-    """Advection of component d, averaging both factors to the edges (e != d) or centres (e = d) of its faces.
+def centred(out: Array, q: Array, u: tuple, d: int, inv_h: tuple, strides: tuple, bounds: tuple) -> None:
+    """Advection of q, on the faces of component d, by u.
+
+    Both factors are averaged to the edges (e != d) or centres (e = d) of the faces,
 
     out = sum_e (v+ q+ - v- q-) / h_e,
-    v+ = (u_e[c+e] + u_e[c+e-d]) / 2,  q+ = (u_d[c] + u_d[c+e]) / 2,  and the same one e lower for the minus side
+    v+ = (u_e[c+e] + u_e[c+e-d]) / 2,  q+ = (q[c] + q[c+e]) / 2,  and the same one e lower for the minus side
     """
     first, last = bounds
     n = last - first
     sd = strides[d]
-    q = u[d]
     o, q0 = out[first:last], q[first:last]
     for e in range(len(strides)):
         se = strides[e]
@@ -127,14 +128,14 @@ def limit(flux: Array, margin: Array, speed: Array, q: Array, first: int, s: int
 
 
 @kernel
-def xsppm7(out: Array, u: tuple, d: int, inv_h: tuple, strides: tuple, bounds: tuple) -> None:
-    """Advection of component d with upwind reconstruction, in blocks that stay in the cache.
+def xsppm7(out: Array, q: Array, u: tuple, d: int, inv_h: tuple, strides: tuple, bounds: tuple) -> None:
+    """Advection of q, on the faces of component d, by u with upwind reconstruction, in blocks that stay in the cache.
 
     out = sum_e (F[c+e] - F[c]) / h_e,  F[c] = v q,  v = (u_e[c] + u_e[c-d]) / 2,
     q the edge value between faces c-e and c, from the side that v comes from
     """
     first, last = bounds
-    sd, q = strides[d], u[d]
+    sd = strides[d]
     out[first:last] = 0.0
     for e in range(len(strides)):
         s, v, k = strides[e], u[e], inv_h[e]

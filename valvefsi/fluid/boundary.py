@@ -1,104 +1,296 @@
 """What the sides of the box do to the fluid: ghost values and boundary faces.
 
-A side is periodic or a wall with a prescribed velocity (at rest by default), constant or a function of position and
-time. The velocity normal to a side is set on its faces; everything beyond by reflection about the side's value,
-u_ghost = 2 u_side - u, which keeps second order.
+A prescribed velocity normal to a side is set on its faces; everything beyond by reflection about the side,
+u_ghost = 2 u_side - u where the value is given and u_ghost = u where its normal derivative is zero, which keeps
+second order. On open sides the pressure is given, p_ghost = 2 p_side - p, and the velocity on the faces is an
+unknown of the momentum equation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from valvefsi.fluid.sides import Disk, FreeSlip, Mixed, Open, Side, Wall
 from valvefsi.grid import Array, Faces, MacGrid
+
+__all__ = ["SIDES", "Boundary", "Disk", "FreeSlip", "Mixed", "Open", "Side", "Wall"]
 
 SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
 
-Velocity = Callable[[Array, Array, Array, float], Sequence[Array | float]]
-
 
 @dataclass(frozen=True, kw_only=True)
-class Wall:
-    """A side with prescribed velocity.
+class _Place:
+    """A side of the box and where its entries are in local arrays."""
 
-    Attributes:
-        velocity: Constant, one entry per dimension [cm/s], or a function of x, y, z [cm] and t [s] that returns
-            one array (or number) per dimension.
-    """
+    name: str
+    axis: int
+    upper: bool
+    side: Side
+    here: bool  # whether this rank touches it
+    face: int  # index of its faces along the axis
+    open: Array | bool  # which of its faces are open, (.., 1, ..) of local entries
+    mask: Array | None = None  # the same of a mixed side for all ranks, (n, n) along the other two axes
 
-    velocity: tuple[float, ...] | Velocity = (0.0, 0.0, 0.0)
+    def at(self, index: int) -> tuple:
+        """Place of a plane of entries along the axis, which is kept."""
+        return (slice(None),) * self.axis + (slice(index, index + 1),)
+
+    @property
+    def inside(self) -> int:
+        """Index of the cells that touch the side."""
+        return self.face - 1 if self.upper else self.face
+
+    @property
+    def outside(self) -> int:
+        """Index of the cells beyond the side."""
+        return self.face if self.upper else self.face - 1
+
+    @property
+    def is_open(self) -> bool:
+        """Whether any of its faces is open, on any rank."""
+        return isinstance(self.side, Open | Mixed)
 
 
 class Boundary:
-    """Sets boundary faces and ghost values of velocity fields.
+    """Sets boundary faces and ghost values of velocity and pressure.
 
     Args:
         grid: The grid.
-        walls: Wall of each side that is not periodic, keyed ``x_lower`` ... ``z_upper``; at rest when left out.
+        sides: What each side that is not periodic is, keyed ``x_lower`` ... ``z_upper``; walls at rest when left out.
 
     Raises:
-        ValueError: A wall is named on a periodic side, or a side is not known.
+        ValueError: Something is said of a periodic side, or a side is not known, or mixed sides do not face each
+            other.
     """
 
-    def __init__(self, grid: MacGrid, walls: Mapping[str, Wall] | None = None) -> None:
+    def __init__(self, grid: MacGrid, sides: Mapping[str, Side] | None = None) -> None:
         self.grid = grid
-        walls = dict(walls or {})
-        self.walls = []
+        sides = dict(sides or {})
+        self.places: list[_Place] = []
         for number, name in enumerate(SIDES[: 2 * grid.dim]):
             axis, upper = divmod(number, 2)
-            wall = walls.pop(name, None)
+            side = sides.pop(name, None)
             if grid.periodic[axis]:
-                if wall is not None:
-                    raise ValueError(f"side {name} is periodic, it cannot be a wall")
+                if side is not None:
+                    kind = type(side).__name__.lower()
+                    raise ValueError(f"side {name} is periodic, it cannot be a {kind}")
                 continue
-            self.walls.append((axis, bool(upper), wall or Wall()))
-        if walls:
-            raise ValueError(f"unknown side {next(iter(walls))!r}, a side is one of {', '.join(SIDES)}")
-        self.changes_in_time = any(callable(wall.velocity) for _, _, wall in self.walls)
+            self.places.append(self._place(name, axis, bool(upper), side or Wall()))
+        if sides:
+            raise ValueError(f"unknown side {next(iter(sides))!r}, a side is one of {', '.join(SIDES)}")
+        if len({place.axis for place in self.mixed}) > 1:
+            raise ValueError(
+                "mixed sides must face each other, along one axis; those given are "
+                + ", ".join(place.name for place in self.mixed)
+            )
+        self.changes_in_time = any(
+            isinstance(p.side, Wall) and callable(p.side.velocity) for p in self.places
+        )
+
+    def _place(self, name: str, axis: int, upper: bool, side: Side) -> _Place:
+        grid = self.grid
+        face = grid.ghosts[axis] + (grid.size[axis] if upper else 0)
+        here = grid.is_last[axis] if upper else grid.is_first[axis]
+        place = {"name": name, "axis": axis, "upper": upper, "side": side, "here": here, "face": face}
+        if not isinstance(side, Mixed):
+            return _Place(**place, open=isinstance(side, Open))
+        mask = self._mask(axis, upper, side)
+        if not mask.any():
+            raise ValueError(f"no face of side {name} is open")
+        others = [a for a in range(3) if a != axis]
+        padded = mask
+        for number, a in enumerate(others):
+            pad = [(0, 0), (0, 0)]
+            pad[number] = (grid.ghosts[a], grid.ghosts[a])
+            padded = np.pad(padded, pad, mode="wrap" if grid.periodic[a] else "edge")
+        local = padded[tuple(slice(grid.start[a], grid.start[a] + grid.shape[a]) for a in others)]
+        return _Place(**place, open=np.expand_dims(local, axis), mask=mask)
+
+    def _mask(self, axis: int, upper: bool, side: Mixed) -> Array:
+        """Open faces of a side, the same on all ranks: one on the rim must not be open here and wall there."""
+        ends = self.grid.upper if upper else self.grid.lower
+        points = np.meshgrid(
+            *[ends[a : a + 1] if a == axis else self.grid.centres(a) for a in range(3)],
+            indexing="ij",
+            sparse=True,
+        )
+        shape = [1 if a == axis else n for a, n in enumerate(self.grid.cells)]
+        return np.broadcast_to(np.asarray(side.where(*points), dtype=bool), shape).squeeze(axis).copy()
+
+    def _points(self, axis: int, upper: bool) -> list[Array]:
+        """Open-mesh coordinates of the face centres on a side, ghosts included."""
+        points = list(self.grid.points(axis))
+        points[axis] = np.full((1, 1, 1), (self.grid.upper if upper else self.grid.lower)[axis])
+        return points
+
+    @property
+    def mixed(self) -> list[_Place]:
+        """The sides that are open on a part."""
+        return [place for place in self.places if isinstance(place.side, Mixed)]
+
+    def place(self, name: str) -> _Place:
+        """Return a side by its name.
+
+        Raises:
+            ValueError: There is none, or it is periodic.
+        """
+        for place in self.places:
+            if place.name == name:
+                return place
+        raise ValueError(f"no side {name!r} that is not periodic")
+
+    def kinds(self, d: int | None = None) -> tuple[str, str, str]:
+        """Return the kinds of axes of the pressure (None) or of velocity component d, see `valvefsi.fluid.axes`."""
+        kinds = ["periodic"] * 3
+        for axis in range(self.grid.dim):
+            ends = "".join(self._end(place, d) for place in self.places if place.axis == axis)
+            if ends:
+                kinds[axis] = f"{'faces' if d == axis else 'cells'} {ends}"
+        return tuple(kinds)
+
+    @staticmethod
+    def _end(place: _Place, d: int | None) -> str:
+        """Whether the value (D) or the normal derivative (N) is given; on a mixed side that of the wall."""
+        fully_open = isinstance(place.side, Open)
+        if d is None:
+            return "D" if fully_open else "N"
+        if d == place.axis:
+            return "N" if fully_open else "D"
+        return "N" if isinstance(place.side, FreeSlip) else "D"
+
+    def unknown_faces(self, d: int) -> tuple[slice, slice, slice]:
+        """Slices of the owned faces of component d that the direct solver solves for."""
+        first, last = self.grid.owned[d].start, self.grid.owned[d].stop
+        for place in self.places:
+            if place.axis == d and place.here:
+                solved = isinstance(place.side, Open)
+                if place.upper:
+                    last += int(solved)
+                else:
+                    first += int(not solved)
+        return tuple(slice(first, last) if a == d else s for a, s in enumerate(self.grid.owned))
+
+    def opens_upward(self, d: int) -> bool:
+        """Whether this rank holds faces of the upper side along axis d that are unknowns."""
+        return any(p.axis == d and p.upper and p.here and p.is_open for p in self.places)
+
+    # Velocity ---------------------------------------------------------------------------------------------------
 
     def fill(self, u: Faces, *times: float) -> None:
-        """Set the boundary faces and the ghost layers beyond each wall, in place.
+        """Set the boundary faces that are given and the ghost layers beyond each side, in place.
 
         Args:
             u: Velocity on the faces whose ghost layers from other ranks are filled.
             times: Times of the wall velocities; their mean is used where several are given [s].
         """
-        for axis, upper, wall in self.walls:
-            if self.grid.is_last[axis] if upper else self.grid.is_first[axis]:
+        for place in self.places:
+            if place.here:
                 for d, component in enumerate(u):
-                    value = sum(self._value(wall, axis, upper, d, t) for t in times) / len(times)
-                    self._set(component, axis, upper, axis == d, value)
+                    self._reflect(component, place, d, times)
 
     def set_faces(self, u: Faces, t: float) -> None:
         """Set the boundary faces alone, which a rank nearby may hold as ghosts: before the ghosts are exchanged."""
-        for axis, upper, wall in self.walls:
-            if self.grid.is_last[axis] if upper else self.grid.is_first[axis]:
-                side = self.grid.ghosts[axis] + (self.grid.size[axis] if upper else 0)
-                u[axis][_plane(axis, side)] = self._value(wall, axis, upper, axis, t)
+        for place in self.places:
+            if place.here and not isinstance(place.side, Open):
+                self._set_normal(u[place.axis], place, self._velocity(place, place.axis, (t,)))
 
-    def _value(self, wall: Wall, axis: int, upper: bool, d: int, t: float) -> Array | float:
-        if not callable(wall.velocity):
-            return wall.velocity[d]
+    def _velocity(self, place: _Place, d: int, times: tuple[float, ...]) -> Array | float:
+        """Given velocity component on a side, a number or ``(.., 1, ..)`` of local entries [cm/s]."""
+        if not isinstance(place.side, Wall):
+            return 0.0
+        velocity = place.side.velocity
+        if not callable(velocity):
+            return velocity[d]
         points = list(self.grid.points(d))
-        points[axis] = np.full((1, 1, 1), (self.grid.upper if upper else self.grid.lower)[axis])
-        value = np.asarray(wall.velocity(*points, t)[d], dtype=float)
-        return value if value.ndim == 0 else np.take(value, 0, axis)
+        points[place.axis] = self._points(place.axis, place.upper)[place.axis]
+        values = [np.asarray(velocity(*points, t)[d], dtype=float) for t in times]
+        return sum(values) / len(values)
 
-    def _set(self, q: Array, axis: int, upper: bool, normal: bool, value: Array | float) -> None:
-        g, n = self.grid.ghosts[axis], self.grid.size[axis]
-        side, beyond = (g + n, 1) if upper else (g, -1)
+    def _set_normal(self, q: Array, place: _Place, value: Array | float) -> None:
+        faces = q[place.at(place.face)]
+        np.copyto(faces, np.where(place.open, faces, value))
+
+    def _reflect(self, q: Array, place: _Place, d: int, times: tuple[float, ...]) -> None:
+        normal = d == place.axis
+        value = self._velocity(place, d, times)
         if normal:
-            q[_plane(axis, side)] = value
+            self._set_normal(q, place, value)
+            even = place.open
+        else:
+            even = isinstance(place.side, FreeSlip)
         # First place beyond the side and its mirror image: a face away from the side, or half a cell.
-        outside, inside = (
-            (side + beyond, side - beyond) if normal else (side, side - 1)[:: 1 if upper else -1]
-        )
-        while 0 <= outside < q.shape[axis]:
-            q[_plane(axis, outside)] = 2.0 * value - q[_plane(axis, inside)]
+        beyond = 1 if place.upper else -1
+        if normal:
+            outside, inside = place.face + beyond, place.face - beyond
+        else:
+            outside, inside = place.outside, place.inside
+        while 0 <= outside < q.shape[place.axis]:
+            image = q[place.at(inside)]
+            if even is True:
+                q[place.at(outside)] = image
+            elif even is False:
+                q[place.at(outside)] = 2.0 * value - image
+            else:
+                q[place.at(outside)] = np.where(even, image, -image)
             outside, inside = outside + beyond, inside - beyond
 
+    # Pressure ---------------------------------------------------------------------------------------------------
 
-def _plane(axis: int, index: int) -> tuple:
-    return (slice(None),) * axis + (index,)
+    def fill_pressure(
+        self, p: Array, u: Faces, rho: float, t: float, pressures: Mapping[str, float] | None = None
+    ) -> None:
+        """Set the layer of the pressure beyond each open side, in place.
+
+        Args:
+            p: Pressure [dyn/cm^2].
+            u: Velocity, for what flows in [cm/s].
+            rho: Density [g/cm^3].
+            t: Time of the given pressures [s].
+            pressures: Pressure by name of the side, in place of its own [dyn/cm^2].
+        """
+        for place in self.places:
+            if not place.is_open or not place.here:
+                continue
+            side = place.side.open if isinstance(place.side, Mixed) else place.side
+            given = (pressures or {}).get(place.name, side.pressure)
+            value = given(*self._points(place.axis, place.upper), t) if callable(given) else given
+            if side.backflow > 0.0:
+                outward = u[place.axis][place.at(place.face)] * (1.0 if place.upper else -1.0)
+                value = value - 0.5 * side.backflow * rho * np.square(np.minimum(outward, 0.0))
+            p[place.at(place.outside)] = 2.0 * value - p[place.at(place.inside)]
+
+    def fill_correction(self, phi: Array) -> None:
+        """Set the layer of a correction of the pressure beyond each open side, where it is zero, in place."""
+        for place in self.places:
+            if place.is_open and place.here:
+                phi[place.at(place.outside)] = -phi[place.at(place.inside)]
+
+    def clear_open_faces(self, N: Faces) -> None:
+        """Set the advection term on open faces to zero, in place.
+
+        There u_n has no normal derivative and the velocity along the side is zero, so that div(u u) has no
+        normal part.
+        """
+        for place in self.places:
+            if place.is_open and place.here:
+                N[place.axis][place.at(place.face)] = 0.0
+
+    def outflow(self, u: Faces, name: str) -> float:
+        """Return the flow out of the box through a side, integral of u_n dA [cm^3/s] (collective)."""
+        place, grid = self.place(name), self.grid
+        local = 0.0
+        if place.here:
+            owned = tuple(
+                slice(place.face, place.face + 1) if a == place.axis else s for a, s in enumerate(grid.owned)
+            )
+            area = np.ones((1, 1, 1))
+            for a in range(3):
+                if a != place.axis:
+                    area = area * grid.widths[a][grid.owned[a]].reshape(
+                        [-1 if a == b else 1 for b in range(3)]
+                    )
+            local = float((u[place.axis][owned] * area).sum()) * (1.0 if place.upper else -1.0)
+        return grid.comm.allreduce(local)

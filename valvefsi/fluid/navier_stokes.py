@@ -1,17 +1,21 @@
 """One step of the incompressible Navier-Stokes equations (Lee2020, S11 and S12) on the staggered grid.
 
-Crank-Nicolson viscosity, second-order Adams-Bashforth advection, incremental pressure projection with the pressure
+Second-order Adams-Bashforth advection, viscosity by Crank-Nicolson (`NavierStokes`) or with the advection
+(`ExplicitViscosity`: three solves fewer, for steps below its limit), incremental pressure projection with the pressure
 update that is consistent with Crank-Nicolson (Brown, Cortez and Minion 2001). All solves are direct.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 import numpy as np
 
-from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.direct_solver import TensorSolver
-from valvefsi.fluid.stencils import divergence, momentum, subtract_gradient
+from valvefsi.fluid.mixed_side import NormalVelocityCorrection, PressureCorrection
+from valvefsi.fluid.operators import make_operators
 from valvefsi.grid import Array, Faces, MacGrid
 
 
@@ -25,6 +29,9 @@ class NavierStokes:
         mu: Dynamic viscosity [dyn s/cm^2].
         advection: Scheme of the advection term, ``centred`` or ``xsppm7``.
 
+    Attributes:
+        dt_limit: Largest stable step as far as viscosity goes [s].
+
     Raises:
         ValueError: A density that is not positive, a negative viscosity, or an unknown scheme.
     """
@@ -32,27 +39,24 @@ class NavierStokes:
     def __init__(
         self, grid: MacGrid, boundary: Boundary, *, rho: float, mu: float, advection: str = "centred"
     ) -> None:
-        if advection not in SCHEMES:
-            raise ValueError(f"unknown advection scheme {advection!r}, one of {', '.join(SCHEMES)}")
-        self.scheme = SCHEMES[advection]
+        self.operators = make_operators(grid, boundary, advection)
         if not rho > 0.0 or not mu >= 0.0:
             raise ValueError(f"a fluid needs density > 0 and viscosity >= 0, got {rho}, {mu}")
         self.grid, self.boundary, self.rho, self.mu = grid, boundary, float(rho), float(mu)
-        inside = ["periodic" if p else "dirichlet" for p in grid.periodic]
-        centre = tuple("periodic" if p else "neumann" for p in grid.periodic)
-        self.pressure_solver = TensorSolver(grid, centre)
-        self.velocity_solvers = [
-            TensorSolver(
-                grid,
-                tuple("faces" if e == d and k != "periodic" else k for e, k in enumerate(inside)),
-            )
-            for d in range(grid.dim)
-        ]
-        dim, shape = grid.dim, grid.shape
-        self.inv_h = tuple(float(1.0 / h) for h in grid.spacing[:dim])
-        self.strides = (shape[1] * shape[2], shape[2], 1)[:dim]
-        self.first = sum(g * s for g, s in zip(grid.ghosts, self.strides, strict=False))
-        self.last = self.first + 1 + sum((n - 1) * s for n, s in zip(grid.size, self.strides, strict=False))
+        self.pressure_solver = TensorSolver(grid, boundary.kinds())
+        self.mixed_pressure = (
+            PressureCorrection(grid, self.pressure_solver, boundary) if boundary.mixed else None
+        )
+        self.dt_limit = math.inf
+        self._set_up_viscosity()
+
+    def _set_up_viscosity(self) -> None:
+        grid, boundary = self.grid, self.boundary
+        self.velocity_solvers = [TensorSolver(grid, boundary.kinds(d)) for d in range(grid.dim)]
+        self.mixed_velocity = None
+        if boundary.mixed:
+            d = boundary.mixed[0].axis
+            self.mixed_velocity = NormalVelocityCorrection(grid, self.velocity_solvers[d], boundary)
 
     def advection(self, u: Faces) -> Faces:
         """Advection term N = div(u u) on the faces, ``(dim)`` local arrays [cm/s^2].
@@ -63,18 +67,13 @@ class NavierStokes:
         Returns:
             N on the owned faces that are unknowns; other entries hold no meaning.
         """
-        flat = tuple(c.ravel() for c in u)
-        out = self.grid.zero_faces()
-        for d in range(self.grid.dim):
-            self.scheme(out[d].ravel(), flat, d, self.inv_h, self.strides, (self.first, self.last))
-        return out
+        N = self.operators.advection(u)
+        self.boundary.clear_open_faces(N)
+        return N
 
     def divergence(self, u: Faces) -> Array:
         """Divergence in the owned cells, a local array with ghosts that hold no meaning [1/s]."""
-        out = self.grid.zeros()
-        flat = tuple(c.ravel() for c in u)
-        divergence(out.ravel(), flat, self.inv_h, self.strides, (self.first, self.last))
-        return out
+        return self.operators.divergence(u)
 
     def fill(self, u: Faces, t: float) -> Faces:
         """Fill all ghosts and boundary faces of a velocity at time t, in place. Collective."""
@@ -84,7 +83,14 @@ class NavierStokes:
         return u
 
     def step(
-        self, u: Faces, p: Array, advection: tuple[Faces, Faces, float], f: Faces, t: float, dt: float
+        self,
+        u: Faces,
+        p: Array,
+        advection: tuple[Faces, Faces, float],
+        f: Faces,
+        t: float,
+        dt: float,
+        pressures: Mapping[str, float] | None = None,
     ) -> tuple[Faces, Array]:
         """Advance velocity and pressure by one step.
 
@@ -93,11 +99,12 @@ class NavierStokes:
 
         Args:
             u: Velocity at t with filled ghosts [cm/s].
-            p: Pressure at t - dt/2 with filled ghosts [dyn/cm^2].
+            p: Pressure at t - dt/2 with filled ghosts; those beyond open sides are set here [dyn/cm^2].
             advection: N at t, N at the time before, and the ratio of this step's length to the last one's.
             f: Force density at t + dt/2 on the owned faces [dyn/cm^3].
             t: Time of u [s].
             dt: Length of the step [s].
+            pressures: Pressures on open sides at t + dt/2 by name, in place of their own [dyn/cm^2].
 
         Returns:
             Velocity at t + dt and pressure at t + dt/2, both with filled ghosts.
@@ -105,23 +112,32 @@ class NavierStokes:
         Note:
             Collective. The new velocity is solenoidal to round-off.
         """
-        grid = self.grid
+        grid, owned = self.grid, self.grid.owned
+        self.boundary.fill_pressure(p, u, self.rho, t + 0.5 * dt, pressures)
         u_star = self._provisional(u, p, advection, f, t, dt)
         grid.exchange(u_star, width=1)
         self.boundary.fill(u_star, t + dt)
         div = self.divergence(u_star)
-        owned = grid.owned
         phi = grid.zeros()
-        # lap phi = rho/dt div u*, that is (0 - (-1) lap): a = 0, b = -1
-        phi[owned] = self.pressure_solver.solve(div[owned] * (self.rho / dt), 0.0, -1.0)
+        phi[owned] = self._solve_pressure(div[owned] * (self.rho / dt))
         p_new = grid.zeros()
-        p_new[owned] = p[owned] + phi[owned] - (0.5 * self.mu) * div[owned]
+        p_new[owned] = p[owned] + phi[owned]
+        self._correct_pressure(p_new, div)
         grid.exchange((phi, p_new), width=1)
-        for d in range(grid.dim):
-            factor = dt / self.rho * self.inv_h[d]
-            bounds = (self.first, self.last, self.strides[d])
-            subtract_gradient(u_star[d].ravel(), phi.ravel(), factor, bounds)
+        self.boundary.fill_correction(phi)
+        self.operators.subtract_gradient(u_star, phi, dt / self.rho)
         return self.fill(u_star, t + dt), p_new
+
+    def _solve_pressure(self, r: Array) -> Array:
+        """Return phi with lap phi = r, zero on open sides."""
+        if self.mixed_pressure is not None:
+            return self.mixed_pressure.solve(r)
+        return self.pressure_solver.solve(r, 0.0, -1.0)  # 0 - (-1) lap
+
+    def _correct_pressure(self, p: Array, div: Array) -> None:
+        """Add what makes the pressure consistent with Crank-Nicolson viscosity, in place."""
+        owned = self.grid.owned
+        p[owned] -= (0.5 * self.mu) * div[owned]
 
     def _provisional(
         self, u: Faces, p: Array, advection: tuple[Faces, Faces, float], f: Faces, t: float, dt: float
@@ -129,26 +145,84 @@ class NavierStokes:
         """Velocity u* before the projection, on the unknown faces; solved for its increment u* - u."""
         grid, (N, N_old, ratio) = self.grid, advection
         a, b = self.rho * (1.0 + 0.5 * ratio), -self.rho * 0.5 * ratio
-        nu = tuple(self.mu * k * k for k in self.inv_h)
         middle = u
         if self.boundary.changes_in_time:
             middle = tuple(c.copy() for c in u)
             self.boundary.fill(middle, t, t + dt)
-        u_star = []
+        u_star = grid.zero_faces()
         for d, q in enumerate(middle):
-            rhs = grid.zeros()
-            momentum(
-                rhs.ravel(),
-                q.ravel(),
-                p.ravel(),
-                (N[d].ravel(), N_old[d].ravel(), f[d].ravel()),
-                (a, b, self.inv_h[d], nu),
-                (self.first, self.last, self.strides[d], self.strides),
-            )
-            unknown = grid.unknown_faces(d)
-            increment = self.velocity_solvers[d].solve(
-                np.ascontiguousarray(rhs[unknown]), self.rho / dt, 0.5 * self.mu
-            )
-            u_star.append(grid.zeros())
-            np.add(u[d][unknown], increment, out=u_star[d][unknown])
-        return tuple(u_star)
+            rhs = self.operators.momentum(q, p, (N[d], N_old[d], f[d]), (a, b, self.mu), d)
+            self._add_increment(u_star[d], u[d], rhs, d, dt)
+        return u_star
+
+    def _add_increment(self, out: Array, q: Array, rhs: Array, d: int, dt: float) -> None:
+        """Set out = q + x with (rho/dt - mu/2 lap) x = rhs on the unknown faces of component d."""
+        unknown = self.boundary.unknown_faces(d)
+        r, a, b = np.ascontiguousarray(rhs[unknown]), self.rho / dt, 0.5 * self.mu
+        mixed = self.boundary.mixed
+        if not mixed or mixed[0].axis != d:
+            np.add(q[unknown], self.velocity_solvers[d].solve(r, a, b), out=out[unknown])
+            return
+        sides = [(place, self._on_side(place)) for place in mixed]
+        planes = []
+        for place, (local, whole) in sides:
+            plane = np.zeros(place.mask.shape)
+            if place.here:
+                plane[whole] = rhs[local].reshape(plane[whole].shape)
+            planes.append(plane)
+        x, planes = self.mixed_velocity.solve(r, planes, a, b)
+        np.add(q[unknown], x, out=out[unknown])
+        for (place, (local, whole)), plane in zip(sides, planes, strict=True):
+            if place.here:
+                out[local] = q[local] + plane[whole].reshape(out[local].shape)
+
+    def _on_side(self, place: object) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+        """Slices of the owned faces on a side, in local arrays and in the plane of all ranks."""
+        grid = self.grid
+        others = [a for a in range(3) if a != place.axis]
+        local = tuple(
+            slice(place.face, place.face + 1) if a == place.axis else s for a, s in enumerate(grid.owned)
+        )
+        return local, tuple(slice(grid.start[a], grid.start[a] + grid.size[a]) for a in others)
+
+
+class ExplicitViscosity(NavierStokes):
+    """The fluid with the viscous term in the Adams-Bashforth terms: no viscous solves, but a limit of the step.
+
+    The term that is carried from step to step is N - nu lap u; with second-order Adams-Bashforth it is stable for
+    dt <= 1 / (nu sum_d 4 / h_d^2).
+    """
+
+    def _set_up_viscosity(self) -> None:
+        nu = self.mu / self.rho
+        rate = nu * sum(4.0 / h**2 for h in self.grid.spacing[: self.grid.dim])
+        self.dt_limit = 1.0 / rate if rate > 0.0 else math.inf
+
+    def advection(self, u: Faces) -> Faces:
+        """Explicit terms N = div(u u) - nu lap u on the faces, ``(dim)`` local arrays [cm/s^2].
+
+        Args:
+            u: Velocity with filled ghosts [cm/s].
+
+        Returns:
+            N on the owned faces that are unknowns; other entries hold no meaning.
+        """
+        N = super().advection(u)
+        for d, (term, q) in enumerate(zip(N, u, strict=True)):
+            self.operators.subtract_laplacian(term, q, d, self.mu / self.rho)
+        return N
+
+    def _correct_pressure(self, p: Array, div: Array) -> None:
+        """Nothing to add: no viscous term is implicit."""
+
+    def _provisional(
+        self, u: Faces, p: Array, advection: tuple[Faces, Faces, float], f: Faces, t: float, dt: float
+    ) -> Faces:
+        """Velocity u* before the projection, on the unknown faces."""
+        N, N_old, ratio = advection
+        weights = (dt / self.rho, dt * (1.0 + 0.5 * ratio), -dt * 0.5 * ratio)
+        terms = zip(N, N_old, f, strict=True)
+        return tuple(
+            self.operators.advance(q, p, term, weights, d)
+            for d, (q, term) in enumerate(zip(u, terms, strict=True))
+        )

@@ -1,0 +1,33 @@
+"""Kernels of the step with explicit viscosity, in the form of `valvefsi.fluid.stencils`."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+Array = np.ndarray
+kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
+
+
+@kernel
+def subtract_laplacian(out: Array, q: Array, nu: tuple, bounds: tuple) -> None:
+    """Viscous part of the explicit terms: out -= sum_e nu_e (q[c+e] - 2 q[c] + q[c-e]), nu_e = nu / h_e^2."""
+    first, last, strides = bounds
+    o, q0 = out[first:last], q[first:last]
+    for e in range(len(strides)):
+        qp, qm = q[first + strides[e] : last + strides[e]], q[first - strides[e] : last - strides[e]]
+        k = nu[e]
+        for c in range(last - first):
+            o[c] -= k * ((qp[c] - q0[c]) - (q0[c] - qm[c]))
+
+
+@kernel
+def advance(out: Array, q: Array, p: Array, terms: tuple, weights: tuple, bounds: tuple) -> None:
+    """Velocity before the projection: out = q + k (f - (p[c] - p[c-d]) / h_d) - a N - b N_old."""
+    N, N_old, f = terms
+    k, a, b, inv_h = weights
+    first, last, sd = bounds
+    o, q0, f_ = out[first:last], q[first:last], f[first:last]
+    N_, M_, p0, pm = N[first:last], N_old[first:last], p[first:last], p[first - sd : last - sd]
+    for c in range(last - first):
+        o[c] = q0[c] + k * (f_[c] - (p0[c] - pm[c]) * inv_h) - a * N_[c] - b * M_[c]
