@@ -30,20 +30,21 @@ class Coupling:
             raise ValueError(f"unknown kernel {kernel!r}, a kernel is one of {', '.join(kernels.KERNELS)}")
         self.grid, self.name = grid, kernel
         self.kind = kernels.KERNELS[kernel]
-        self.reach = 0.5 * self.kind[1]
+        self.reach = 0.5 * max(self.kind[1:])
         dim = grid.dim
         offset = tuple(g - s for g, s in zip(grid.ghosts, grid.start, strict=True))
-        self.geometry = (grid.lower, 1.0 / grid.spacing, offset, dim)
+        self.geometry = (grid.origin, 1.0 / grid.spacing, offset, dim)
         n1 = grid.process_grid[1]
         owner = [
             np.searchsorted(starts[1:], np.arange(n), side="right")
             for starts, n in zip(grid.starts[:2], grid.cells[:2], strict=True)
         ]
         self.owner = (owner[0] * n1, owner[1])
-        free = ~np.array(grid.periodic[:dim])
+        free = ~(np.array(grid.periodic[:dim]) & np.array(grid.uniform[:dim]))
         margin = self.reach * grid.spacing[:dim]
-        self.low = np.where(free, grid.lower[:dim] + margin, -np.inf)
-        self.high = np.where(free, grid.upper[:dim] - margin, np.inf)
+        fine = np.array(grid.fine[:dim])
+        self.low = np.where(free, fine[:, 0] + margin, -np.inf)
+        self.high = np.where(free, fine[:, 1] - margin, np.inf)
 
     def at(self, chi: Array) -> Transfer:
         """Prepare spreading and interpolation for points at chi.
@@ -52,7 +53,8 @@ class Coupling:
             chi: Positions of this rank's points, ``(num_points, 3)`` [cm].
 
         Raises:
-            StabilityError: A point is not finite, or lies within the kernel's reach of a side that is not periodic.
+            StabilityError: A point is not finite, or lies within the kernel's reach of a side that is not periodic
+                or of cells that are larger than the smallest.
 
         Note:
             Collective.
@@ -65,9 +67,13 @@ class Coupling:
             worst = place[~inside.all(axis=1)][0]
             problem = (
                 f"a point of the solid at {np.array2string(worst, precision=4)} cm is lost or within "
-                f"{self.reach:g} spacings of a side (kernel {self.name})"
+                f"{self.reach:g} spacings of a side or of graded cells (kernel {self.name})"
             )
         return Transfer(self, self._wrap(place) if problem is None else None, len(chi), problem)
+
+    def _edge(self) -> str:
+        """What a point must keep away from, in words."""
+        return "a side" if all(self.grid.uniform) else "a side or of cells that are not of the smallest width"
 
     def _wrap(self, place: Array) -> Array:
         grid = self.grid
@@ -75,7 +81,7 @@ class Coupling:
             return place
         place = place.copy()
         for axis in range(grid.dim):
-            if grid.periodic[axis]:
+            if grid.periodic[axis] and grid.uniform[axis]:
                 lower, length = grid.lower[axis], grid.upper[axis] - grid.lower[axis]
                 x = (place[:, axis] - lower) % length
                 place[:, axis] = lower + np.where(x >= length, 0.0, x)
@@ -85,7 +91,7 @@ class Coupling:
         """Rank that owns the cell of each point inside the box, ``(num_points,)``."""
         grid = self.grid
         cell = [
-            np.minimum((place[:, a] - grid.lower[a]) / grid.spacing[a], grid.cells[a] - 1).astype(np.intp)
+            np.minimum((place[:, a] - grid.origin[a]) / grid.spacing[a], grid.cells[a] - 1).astype(np.intp)
             for a in range(2)
         ]
         return self.owner[0][cell[0]] + self.owner[1][cell[1]]
@@ -104,7 +110,7 @@ class Transfer:
         if failed:
             raise StabilityError(_first_problem(comm, problem))
         x = self.route.send(place) if self.route else place
-        points = coupling.kind[1]
+        points = max(coupling.kind[1:])
         self.base = np.empty((3, 2, len(x)), dtype=np.intp)
         self.weights = np.empty((3, 2, len(x), points))
         kernels.prepare(self.base, self.weights, x, coupling.kind, coupling.geometry)
@@ -129,7 +135,7 @@ class Transfer:
         F = F[:, : grid.dim] * (1.0 / grid.cell_volume)
         F = self.route.send(F) if self.route else F
         for d in range(grid.dim):
-            kernels.spread(out[d], self.base, self.weights, F, d, grid.dim)
+            kernels.spread(out[d], self.base, self.weights, F, d, self.coupling.kind, grid.dim)
         grid.add_ghosts(out)
         return out
 
@@ -150,7 +156,7 @@ class Transfer:
         grid = self.coupling.grid
         values = np.empty((self.base.shape[2], grid.dim))
         for d in range(grid.dim):
-            kernels.interpolate(values, self.base, self.weights, u[d], d, grid.dim)
+            kernels.interpolate(values, self.base, self.weights, u[d], d, self.coupling.kind, grid.dim)
         values = self.route.send_back(values) if self.route else values
         if grid.dim == 3:
             return values
