@@ -90,7 +90,7 @@ WRONG = {
     "fluid.viscosty=1": "fluid.viscosty = 1: unknown key; did you mean 'viscosity'?",
     "fluid.density.x=1": "fluid.density is a value",
     "flud.density=1": "--set: flud: unknown key; did you mean 'fluid'?",
-    "fluid.sides.x_lower.type=periodc": "expected one of wall, periodic; did you mean 'periodic'?",
+    "fluid.sides.x_lower.type=periodc": "expected one of wall, periodic, free_slip, open, mixed; did you mean 'periodic'?",
     "fluid.sides.x_lower.type=periodic": "fluid.sides.x_upper.type = 'wall': the opposite side is periodic",
     "fluid.sides.x_lower.velocity=[1]": "fluid.sides.x_lower.velocity = [1.0]: expected 2 entries",
     "fluid.sides.x_lower.velocity=[1, 0]": "let 40 cm^2/s into the box",
@@ -221,7 +221,7 @@ def test_the_tables_of_kernels_materials_and_shapes_are_those_of_the_code():
     from valvefsi.geometry.shapes import SHAPES as MADE
     from valvefsi.solid.materials import MATERIALS
 
-    assert {name: kind[1] / 2 for name, kind in KERNELS.items()} == REACH
+    assert {name: max(kind[1:]) / 2 for name, kind in KERNELS.items()} == REACH
     assert set(MADE) == set(SHAPES)
     for name, (dim, tags) in SHAPES.items():
         options = {"load_width": 0.5} if name == "compressed_block" else {}
@@ -229,7 +229,7 @@ def test_the_tables_of_kernels_materials_and_shapes_are_those_of_the_code():
         mesh = MADE[name](MPI.COMM_SELF, **box, **options)
         assert set(mesh.names) == set(tags), name
     schemas = {
-        entry["properties"]["model"]["const"]: entry for entry in case_schema()["$defs"]["Material"]["oneOf"]
+        entry["properties"]["model"]["const"]: entry for entry in case_schema()["$defs"]["Material"]["oneOf"][:-1]
     }
     for name, kind in MATERIALS.items():
         assert {field.name for field in fields(kind)} <= set(schemas[name]["properties"])

@@ -5,10 +5,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
-from valvefsi.coupling.transfer import Coupling
+import numpy as np
+
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import Array, Faces, MacGrid
 
@@ -24,6 +26,47 @@ class Solid(Protocol):
         ...
 
 
+class Circulation(Protocol):
+    """What the coupled step asks of the circuits that drive and load the fluid."""
+
+    sides: tuple[str, ...]
+    """Names of the sides of the box whose pressure it gives."""
+
+    start: Array
+    """Its state at t = 0."""
+
+    def pressures(self, y: Array, t: float) -> Mapping[str, float]:
+        """Pressure on each of its sides for state y at time t [dyn/cm^2]."""
+        ...
+
+    def step(self, y: Array, outflow: Mapping[str, float], t: float, dt: float) -> Array:
+        """Return the state at t + dt for mean flows out of the box through its sides [cm^3/s]."""
+        ...
+
+
+class Transfer(Protocol):
+    """Spreading and interpolation for one position of the nodes, each the adjoint of the other."""
+
+    def spread(self, F: Array, out: Faces | None = None) -> Faces:
+        """Force density on the faces of nodal forces F, added to out [dyn/cm^3]."""
+        ...
+
+    def interpolate(self, u: Faces) -> Array:
+        """Velocity of the nodes, ``(num_nodes, 3)`` [cm/s]."""
+        ...
+
+
+class Coupling(Protocol):
+    """How a solid and the grid see each other: at the nodes, or at quadrature points of the elements."""
+
+    name: str
+    """Name of the kernel."""
+
+    def at(self, chi: Array) -> Transfer:
+        """Prepare the transfer for nodes at chi. Collective."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Model:
     """What does not change during a run.
@@ -33,12 +76,14 @@ class Model:
         fluid: The fluid step.
         solids: The immersed solids.
         couplings: The regularised delta function of each solid.
+        circulation: The circuits at open sides; those without one keep their own pressure.
     """
 
     grid: MacGrid
     fluid: NavierStokes
     solids: tuple[Solid, ...] = ()
     couplings: tuple[Coupling, ...] = ()
+    circulation: Circulation | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +98,7 @@ class State:
         p: Pressure in the cells at t - dt/2, ghosts filled [dyn/cm^2].
         N: Advection term at t - dt [cm/s^2].
         chi: Position of each solid's nodes at t, ``(num_nodes, 3)`` each [cm].
+        circuits: State of the circulation at t, the same on all ranks, ``(num_states,)``.
     """
 
     t: float
@@ -62,6 +108,7 @@ class State:
     p: Array
     N: Faces
     chi: tuple[Array, ...]
+    circuits: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | None = None) -> State:
@@ -82,6 +129,7 @@ def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | No
         p=model.grid.zeros() if p is None else p,
         N=model.fluid.advection(u),
         chi=tuple(solid.X.copy() for solid in model.solids),
+        circuits=np.zeros(0) if model.circulation is None else model.circulation.start.copy(),
     )
 
 
@@ -100,7 +148,7 @@ def step(model: Model, s: State, dt: float) -> State:
         StabilityError: A node is lost or within its kernel's reach of a wall.
 
     Note:
-        Collective. Second order in time; the velocity is solenoidal to round-off.
+        Collective. Second order in time, first order with a circulation; the velocity is solenoidal to round-off.
     """
     # 1. move the solids half a step with the velocity they feel now
     U = [c.at(chi).interpolate(s.u) for c, chi in zip(model.couplings, s.chi, strict=True)]
@@ -110,10 +158,16 @@ def step(model: Model, s: State, dt: float) -> State:
     f = model.grid.zero_faces()
     for transfer, solid, chi, V in zip(T, model.solids, chi_half, U, strict=True):
         transfer.spread(solid.force(chi, V, s.t + 0.5 * dt), out=f)
-    # 3. one fluid step under that force
+    # 3. one fluid step under that force, against the pressures of the circulation
     N = model.fluid.advection(s.u)
-    u, p = model.fluid.step(s.u, s.p, (N, s.N, dt / s.dt), f, s.t, dt)
+    pressures = model.circulation.pressures(s.circuits, s.t) if model.circulation else None
+    u, p = model.fluid.step(s.u, s.p, (N, s.N, dt / s.dt), f, s.t, dt, pressures)
     # 4. move the solids the whole step with the midpoint velocity
     u_half = tuple(0.5 * (a + b) for a, b in zip(s.u, u, strict=True))
     chi = tuple(chi + dt * t.interpolate(u_half) for chi, t in zip(s.chi, T, strict=True))
-    return State(t=s.t + dt, step=s.step + 1, dt=dt, u=u, p=p, N=N, chi=chi)
+    # 5. the circulation sees the new flow
+    circuits = s.circuits
+    if model.circulation:
+        flows = {name: model.fluid.boundary.outflow(u_half, name) for name in model.circulation.sides}
+        circuits = model.circulation.step(s.circuits, flows, s.t, dt)
+    return State(t=s.t + dt, step=s.step + 1, dt=dt, u=u, p=p, N=N, chi=chi, circuits=circuits)

@@ -6,7 +6,7 @@ that the kernel moves. For a stiffness k per area of a face,
     omega^2 = k c / (rho h),   c = max_r sum_j phi(r - j)^2,   dt < 2 / omega,
 
 for a body tether omega^2 = k / rho, for the elastic waves omega = 2 sqrt(dim) c_p / l with
-c_p^2 = (kappa + 4/3 mu_s) / rho and l the smallest edge; a damper eta decays stably while dt < 2 rho / eta (body) or
+c_p^2 = (kappa + 4/3 mu_s + fibres) / rho and l the smallest edge; a damper eta decays stably while dt < 2 rho / eta (body) or
 dt < 2 rho h / (eta c) (area). Crank-Nicolson viscosity has no limit.
 """
 
@@ -100,7 +100,7 @@ def _memory(model: Model) -> Entry:
 
 def largest_square_sum(kernel: str) -> float:
     """Largest sum of squares of a kernel's weights over all shifts."""
-    family, points = kernels.KERNELS[kernel]
+    family, _, points = kernels.KERNELS[kernel]
     sums = []
     for s in np.linspace(0.0, 1.0, 101):
         w = np.zeros(points)
@@ -116,7 +116,8 @@ def step_limits(model: Model) -> dict[str, float]:
     limits: dict[str, float] = {}
     for solid, coupling in zip(model.solids, model.couplings, strict=True):
         stiff, c = solid.stiffness(), largest_square_sum(coupling.name)
-        modulus = (stiff.kappa or 0.0) + 4.0 / 3.0 * stiff.shear_modulus
+        fibres = getattr(solid.material, "fibre_modulus", 0.0)
+        modulus = (stiff.kappa or 0.0) + 4.0 / 3.0 * stiff.shear_modulus + fibres
         limits[f"elastic, {solid.name}"] = stiff.smallest_edge * math.sqrt(rho / modulus / grid.dim)
         springs: dict[str, float] = {}
         for tether in solid.tethers:

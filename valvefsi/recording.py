@@ -73,6 +73,7 @@ def save_state(model: Model, state: State, output: Output, *, finished: bool = F
         for k, (solid, chi) in enumerate(zip(model.solids, state.chi, strict=True))
     }
     meta = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
+    meta["circuits"] = [float(value) for value in state.circuits]
     meta["provenance"] = dict(output.provenance)
     folder = output.directory / "checkpoints"
     return checkpoint.save(folder, state.step, fields, rows, meta, grid.comm, keep=output.keep_checkpoints)
@@ -104,6 +105,7 @@ def load_state(model: Model, output: Output) -> State | None:
         p=arrays["p"],
         N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),
         chi=tuple(points[name] for name in names),
+        circuits=np.array(meta["circuits"]),
     )
 
 

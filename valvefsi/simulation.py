@@ -340,4 +340,5 @@ def timed(model: Model, table: dict[str, float]) -> Model:
         fluid=Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"}),
         solids=tuple(Timed(s, table, {"force": "elastic force"}) for s in model.solids),
         couplings=tuple(TimedCoupling(c, table) for c in model.couplings),
+        circulation=model.circulation,
     )

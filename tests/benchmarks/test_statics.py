@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from valvefsi.benchmarks import statics_compression, statics_cook, statics_torsion
+from valvefsi.benchmarks import land, statics_compression, statics_cook, statics_torsion
 from valvefsi.benchmarks.static_study import (
     Setup,
     chosen_cells,
@@ -30,7 +30,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def compression(folder):
-    return statics_compression.run(Setup(elements=8, refine=2), out=folder / "compression")
+    return statics_compression.run(Setup(elements=4, refine=2), out=folder / "compression")
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_result_json_and_pictures_are_left_behind(compression, folder):
     assert {"benchmark", "parameters", "quantities", "reference", "levels", "table", "timing"} <= set(stored)
     assert stored["quantities"] == compression["quantities"]
     assert len(stored["levels"]) == 6
-    assert [level["elements"] for level in stored["levels"]] == [8, 16, 32] * 2
+    assert [level["elements"] for level in stored["levels"]] == [4, 8, 16] * 2
     for name in (
         "deformed_triangle.png",
         "deformed_quadrilateral.png",
@@ -181,3 +181,17 @@ def test_the_command_prints_a_table_and_leaves_the_result(tmp_path):
     stored = json.loads((tmp_path / "out" / "result.json").read_text())
     assert stored["parameters"]["c1"] == 100.0
     assert list(stored["quantities"]) == ["triangle"]
+
+
+def test_the_iterative_solver_gives_the_same_and_says_what_it_took(compression, folder):
+    setup = Setup(cell="triangle", elements=16, iterative=True)
+    result = statics_compression.run(setup, out=folder / "iterative")
+    value = result["quantities"]["triangle"]["u_y_top_centre_cm"]
+    assert value == pytest.approx(compression["quantities"]["triangle"]["u_y_top_centre_cm"], rel=1e-7)
+    assert result["timing"]["peak_memory_gib"] > 0.05
+    assert any(line["quantity"].startswith("wall time, triangle, 4,851") for line in result["table"])
+
+
+def test_a_benchmark_without_an_iterative_solver_says_so(folder):
+    with pytest.raises(CaseError, match="--iterative"):
+        land.run(Setup(iterative=True), out=folder / "none", problems=(1,))

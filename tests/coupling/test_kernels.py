@@ -20,11 +20,15 @@ CONDITIONS = {
     "ib4": (1, None, True, 3 / 8),
     "ib5": (3, K5, False, "constant"),
     "ib6": (3, K6, True, "constant"),
+    "composite_bspline32": (1, 1 / 4, False, None),
+    "composite_bspline43": (1, 1 / 3, False, None),
+    "composite_bspline54": (3, 5 / 12, False, None),
+    "composite_bspline65": (3, 1 / 2, False, None),
 }
 
 
 def weights(name, s):
-    family, points = KERNELS[name]
+    family, points, _ = KERNELS[name]
     w = np.full(points, np.nan)
     lowest = weights_at(w, family, points, s)
     return lowest + np.arange(points), w

@@ -141,7 +141,7 @@ def test_balanced_weights_give_each_protocol_the_same_say(record):
     ("words", "said"),
     [
         (["--model", "ogden"], "no such planar material"),
-        (["--families", "7"], "expected one of 1, 2, symmetric"),
+        (["--families", "7"], "expected one of 1, 2, 2-kappas, symmetric"),
         (["--fix", "k9=1"], "no such parameter of hgo"),
         (["--protocols", "12"], "no such protocol"),
         (["--thickness", "3 kg"], "expected a quantity in cm"),

@@ -22,6 +22,7 @@ CASES = {
     "fung without shear": (planar.Fung(angle=None, shear=False), [1.0, 20.0, 10.0, 0.3, 25.0]),
     "hgo": (HGO(), [0.5, 3.0, 0.1, 25.0, 4.0, 5.0]),
     "hgo, two families": (HGO(families="2"), [0.5, 3.0, 0.1, 25.0, 4.0, 5.0, 6.0, 3.0]),
+    "hgo, two kappas": (HGO(families="2-kappas"), [0.5, 3.0, 0.1, 25.0, 4.0, 5.0, 6.0, 3.0, 0.2]),
     "hgo, symmetric": (HGO(families="symmetric"), [0.5, 3.0, 0.1, 25.0, 4.0, 5.0]),
 }
 each = pytest.mark.parametrize("case", CASES)
@@ -58,14 +59,15 @@ def energy(case, v, C11, C22, C12):
         E12 = co * si * (C22 - C11) / 2 + (co**2 - si**2) * C12 / 2
         return c / 2 * (np.exp(a1 * E1**2 + a2 * E2**2 + 2 * a3 * E1 * E2 + a4 * E12**2) - 1)
     families = {
-        "hgo": [(v[3], *v[4:6])],
-        "hgo, symmetric": [(v[3], *v[4:6]), (-v[3], *v[4:6])],
-        "hgo, two families": [(v[3], *v[4:6]), (v[3] + 90, *v[6:])],
+        "hgo": [(v[3], *v[4:6], v[2])],
+        "hgo, symmetric": [(v[3], *v[4:6], v[2]), (-v[3], *v[4:6], v[2])],
+        "hgo, two families": [(v[3], *v[4:6], v[2]), (v[3] + 90, *v[6:8], v[2])],
+        "hgo, two kappas": [(v[3], *v[4:6], v[2]), (v[3] + 90, *v[6:])],
     }[case]
     W = v[0] * (np.exp(v[1] * (I1 - 3)) - 1)
-    for angle, k1, k2 in families:
+    for angle, k1, k2, kappa in families:
         taut = np.real(I4(angle)) > 1
-        E = v[2] * I1 + (1 - 3 * v[2]) * np.where(taut, I4(angle), 1.0) - 1
+        E = kappa * I1 + (1 - 3 * kappa) * np.where(taut, I4(angle), 1.0) - 1
         W = W + k1 / (2 * k2) * (np.exp(k2 * E**2) - 1)
     return W
 

@@ -239,7 +239,7 @@ def test_no_numbers_make_a_fit_fail_without_saying_why(tmp_path, one, stress, mo
 def test_options_that_make_no_sense_are_named(tmp_path):
     data = synthetic(LeeSacks(), [5.0, 3.0, 6.0])
     for options, said in [
-        ({"families": "3"}, "families = '3': expected one of 1, 2, symmetric"),
+        ({"families": "3"}, "families = '3': expected one of 1, 2, 2-kappas, symmetric"),
         ({"weights": "heavy"}, "weights = 'heavy'"),
         ({"loss": "squares"}, "loss = 'squares'"),
         ({"starts": 0}, "starts = 0"),

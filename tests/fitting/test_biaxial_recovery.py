@@ -34,6 +34,12 @@ TRUTH = {
         {"families": "2", "fibre_angle": 0.0},
         {},
     ),
+    "hgo, two kappas": (
+        HGO(families="2-kappas"),
+        [1.5, 5.0, 0.05, 0.0, 20.0, 8.0, 6.0, 3.0, 0.15],
+        {"families": "2-kappas", "fibre_angle": 0.0},
+        {},
+    ),
 }
 
 

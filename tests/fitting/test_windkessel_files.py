@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +14,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from valvefsi.case.circuit_tables import read_circuit
 from valvefsi.cli.fit_windkessel import windkessel
 from valvefsi.errors import CaseError
 from valvefsi.fitting.waveforms import Waveforms, read_waveforms, write_waveforms
 from valvefsi.fitting.windkessel import Settings, fit_windkessel
-from valvefsi.fitting.windkessel_files import circuit_text, read_circuit
+from valvefsi.fitting.windkessel_files import circuit_text
 from valvefsi.fitting.windkessel_models import CIRCUITS
 from valvefsi.fitting.windkessel_pump import derive_pump
 from valvefsi.units import MMHG
@@ -48,7 +51,7 @@ def test_a_fitted_circuit_reads_back_exactly(tmp_path):
     report = fit_windkessel(beat(), "downstream", QUICK)
     report.write(tmp_path)
     stored = read_circuit(tmp_path / "circuit.toml")
-    assert stored.name == "downstream"
+    assert stored.model == "downstream"
     for name in ("R_c", "R_p", "C"):
         assert getattr(stored.circuit, name) == pytest.approx(getattr(report.circuit, name), rel=1e-14)
     system = stored.circuit.system()
@@ -67,24 +70,27 @@ def test_every_circuit_is_written_so_that_it_reads_back(tmp_path, name):
     stored = read_circuit(path)
     for key, (unit, _) in CIRCUITS[name].parameters.items():
         size = {"mmHg*s/ml": MMHG, "ml/mmHg": 1 / MMHG, "mmHg*s^2/ml": MMHG}[unit]
-        assert getattr(stored.circuit, key) == pytest.approx(values[key] * size, rel=1e-15)
+        assert getattr(stored.circuit, key) == pytest.approx(values[key] * size, rel=2e-15)
     assert stored.provenance["data"] == 'a "quoted" name'
 
 
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("[circuit]", "[loop]", "circuit.model"),
-        ("[circuit.start]", "[circuit.pump]\nfile = 3\n[circuit.start]", "circuit.pump"),
-        ("[circuit.start]\n", "start = 3\n[other]\n", "circuit.start"),
+        ('model = "two-element"', 'loop = "two-element"', "expected one of downstream"),
+        ("[start]", "[pump]\nfile = 3\n[start]", "pump.file"),
+        ("[start]\n", "start = 3\n[other]\n", "other"),
+        ("[start]\n", "[start.more]\n", "no such state, expected p_wk"),
         ('"two-element"', '"three"', "expected one of downstream"),
-        ("R_p =", "R_q =", "unknown key"),
-        ("mmHg*s/ml", "mmHg", "expected a number and one of mmHg*s/ml"),
-        ("1.0 ml/mmHg", "one ml/mmHg", "circuit.C"),
-        ("1.0 ml/mmHg", "1-0 ml/mmHg", "expected a number"),
+        ('"two-element"', "[1]", "expected one of downstream"),
+        ("R_p =", "R_q =", "unknown parameter"),
+        ("R_p =", "#", "required, a quantity in dyn*s/cm^5"),
+        ("mmHg*s/ml", "mmHg", "expected a quantity in dyn*s/cm^5"),
+        ("1.0 ml/mmHg", "one ml/mmHg", "C = 'one"),
+        ("1.0 ml/mmHg", "1-0 ml/mmHg", "expected a quantity"),
         ("1.1 mmHg", "-1.1 mmHg", "R_p = "),
         ('p_wk = "80', 'p_via = "80', "no such state, expected p_wk"),
-        ("[circuit]", "[circuit", "circuit.toml"),
+        ("[start]", "[start", "circuit.toml"),
     ],
 )
 def test_a_circuit_file_that_is_wrong_is_refused(tmp_path, old, new, reason):
@@ -99,7 +105,7 @@ def test_a_circuit_file_that_is_wrong_is_refused(tmp_path, old, new, reason):
 
 def test_units_of_a_circuit_file_may_be_cgs_or_si(tmp_path):
     path = tmp_path / "circuit.toml"
-    path.write_text('[circuit]\nmodel = "two-element"\nR_p = "1.4e8 Pa*s/m^3"\nC = "1e-3 cm^5/dyn"\n')
+    path.write_text('model = "two-element"\nR_p = "1.4e8 Pa*s/m^3"\nC = "1e-3 cm^5/dyn"\n')
     stored = read_circuit(path)
     assert stored.circuit.R_p == pytest.approx(1400.0)
     assert stored.circuit.C == 1e-3
@@ -254,3 +260,26 @@ def check_alike(found, committed, place=""):
         assert found == pytest.approx(committed, rel=2e-3 if "ci95" in place else 1e-4), place
     else:
         assert found == committed, place
+
+
+def test_circuits_are_fitted_and_read_without_mpi_and_dolfinx(tmp_path):
+    record = write_waveforms(beat(), tmp_path / "record.csv")
+    program = f"""
+import sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {{"mpi4py", "dolfinx", "dolfinx_solver", "petsc4py", "ufl", "basix", "gmsh", "numba"}}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Missing())
+from valvefsi.fitting.windkessel import fit_windkessel
+print(fit_windkessel({str(record)!r}).summary())
+from valvefsi.cli.fit import fit
+fit(["windkessel", {str(record)!r}, "--out", {str(tmp_path / "out")!r}], standalone_mode=False)
+from valvefsi.case.circuit_tables import read_circuit
+assert read_circuit({str(tmp_path / "out" / "circuit.toml")!r}).circuit.system().states == ("p_wk",)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "norms over time (S24)" in done.stdout

@@ -175,3 +175,35 @@ def test_bad_supports_and_options_are_refused(comm):
         statics.Fixed(on=())
     with pytest.raises(CaseError, match="first_increment"):
         statics.SolverOptions(first_increment=2.0)
+
+
+def test_the_path_meets_its_stops_and_each_is_the_equilibrium_of_its_load(comm):
+    mesh, found = compressed_block(comm, elements=(8, 4)), {}
+
+    def keep(factor, solution):
+        found[factor] = solution.displacement_at((20.0, 25.0))[1]
+
+    def press(load, **options):
+        return statics.solve(
+            mesh,
+            MATERIAL,
+            fixed=[
+                statics.Fixed(on=("bottom",), components=("y",)),
+                statics.Fixed(on=("top_loaded", "top_outer"), components=("x",)),
+            ],
+            loads=[DeadLoad(on=("top_loaded",), traction=(0.0, -load))],
+            **options,
+        )
+
+    stops = statics.SolverOptions(stops=(0.3, 0.65, 1.0))
+    last = press(200.0, options=stops, on_stop=keep)
+    assert list(found) == [0.3, 0.65, 1.0]
+    assert set(found) <= {step.factor for step in last.load_steps}
+    assert found[1.0] == last.displacement_at((20.0, 25.0))[1]
+    assert found[0.65] == pytest.approx(press(130.0).displacement_at((20.0, 25.0))[1], rel=1e-7)
+
+
+@pytest.mark.parametrize("stops", [(0.5, 0.2), (0.0,), (1.2,), (0.5, 0.5)])
+def test_stops_that_no_path_meets_are_refused(stops):
+    with pytest.raises(CaseError, match="stops = "):
+        statics.SolverOptions(stops=stops)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import resource
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,11 +23,14 @@ from valvefsi.errors import CaseError
 from valvefsi.io.convergence_plots import Convergence, convergence
 from valvefsi.io.solid_body import Body, write_body
 from valvefsi.io.solid_plots import deformed
+from valvefsi.solid.statics import SolverOptions
 
 Parameters = Mapping[str, tuple[float, str]]
 """Default and unit of each parameter by name."""
 
 SIMPLEX = {"triangle", "tetrahedron"}
+DIRECT = SolverOptions()
+"""How the equilibrium is sought unless something else is asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,12 +42,14 @@ class Setup:
         elements: Elements along the benchmark's shortest counted edge on the coarsest mesh; None for its default.
         refine: How many times the mesh is refined, each time to half the cell size.
         overrides: ``key=value``, names of the benchmark's parameters.
+        iterative: Whether FGMRES with multigrid takes the place of the factorisation, for large meshes.
     """
 
     cell: str = "both"
     elements: int | None = None
     refine: int = 0
     overrides: Sequence[str] = ()
+    iterative: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +97,7 @@ class Benchmark:
         solve: ``solve(values, cell, elements, comm)`` answers on one mesh.
         references: ``references(values)`` by quantity; empty where the parameters are not the published ones.
         units: Unit and label of each quantity.
-        extra: ``extra(values, finest)`` more lines of the table from the finest answers by cell.
+        iterative: Whether ``solve(values, cell, elements, comm, options)`` takes the options of the solver too.
     """
 
     name: str
@@ -99,9 +105,10 @@ class Benchmark:
     parameters: Parameters
     cells: tuple[str, ...]
     elements: int
-    solve: Callable[[Mapping[str, float], str, int, MPI.Comm], Answer]
+    solve: Callable[..., Answer]
     references: Callable[[Mapping[str, float]], Mapping[str, Sequence[Reference]]]
     units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    iterative: bool = False
 
 
 def read_parameters(parameters: Parameters, overrides: Sequence[str]) -> dict[str, float]:
@@ -205,18 +212,29 @@ def run_study(
         raise CaseError(
             "expected whole numbers, elements >= 1, refine >= 0", key="--refine", value=setup.refine
         )
+    if setup.iterative and not benchmark.iterative:
+        raise CaseError(f"{benchmark.name} has no iterative solver", key="--iterative")
+    more = (SolverOptions(solver="fieldsplit"),) if setup.iterative else ()
     levels = [
-        _solve(benchmark, values, (c, elements * 2**k), comm) for c in cells for k in range(setup.refine + 1)
+        _solve(benchmark, values, (c, elements * 2**k), comm, more)
+        for c in cells
+        for k in range(setup.refine + 1)
     ]
-    references = benchmark.references(values)
+    references, memory = benchmark.references(values), _peak_memory(comm)
     result = {
         "benchmark": benchmark.name,
-        "parameters": {"cell": setup.cell, "elements": elements, "refine": setup.refine, **values},
+        "parameters": {
+            "cell": setup.cell,
+            "elements": elements,
+            "refine": setup.refine,
+            "iterative": setup.iterative,
+            **values,
+        },
         "quantities": _quantities(levels, references),
         "reference": {name: [vars(r) for r in refs] for name, refs in references.items()},
         "levels": [{k: v for k, v in level.items() if k != "body"} for level in levels],
-        "table": _table(benchmark, levels, references),
-        "timing": {"wall_s": sum(level["wall_s"] for level in levels)},
+        "table": [*_table(benchmark, levels, references), *_cost(levels, memory)],
+        "timing": {"wall_s": sum(level["wall_s"] for level in levels), "peak_memory_gib": memory},
         "environment": environment(comm),
     }
     write_result(out, result, comm)
@@ -227,10 +245,14 @@ def run_study(
 
 
 def _solve(
-    benchmark: Benchmark, values: Mapping[str, float], mesh: tuple[str, int], comm: MPI.Comm
+    benchmark: Benchmark,
+    values: Mapping[str, float],
+    mesh: tuple[str, int],
+    comm: MPI.Comm,
+    more: tuple[object, ...] = (),
 ) -> dict[str, object]:
     begin = time.perf_counter()
-    answer = benchmark.solve(values, *mesh, comm)
+    answer = benchmark.solve(values, *mesh, comm, *more)
     wall = comm.allreduce(time.perf_counter() - begin, op=MPI.MAX)
     return {
         "cell": mesh[0],
@@ -286,6 +308,21 @@ def _table(
                 lines += [_compare("", value, reference, unit) for reference in more]
                 lines += _order_rows(levels, level["cell"], name, (label, unit, _exact(references, name)))
     return lines
+
+
+def _cost(levels: Sequence[Mapping], memory: float) -> list[dict[str, object]]:
+    """Return what the finest mesh of each kind of cell took."""
+    lines = []
+    for cell in _kinds(levels):
+        finest = [level for level in levels if level["cell"] == cell][-1]
+        label = f"wall time, {cell}, {finest['unknowns']:,} unknowns"
+        lines.append(row(label, finest["wall_s"], source="measured", unit="s"))
+    return [*lines, row("peak memory, all ranks", memory, source="measured", unit="GiB")]
+
+
+def _peak_memory(comm: MPI.Comm) -> float:
+    """Return the largest resident size of all processes together [GiB] (collective)."""
+    return comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 2**20
 
 
 def _compare(label: str, value: float, reference: Reference, unit: str) -> dict[str, object]:

@@ -9,14 +9,15 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.case.checks import check_against_mesh
+from valvefsi.case.circuit_tables import say_unconnected
 from valvefsi.case.fibres import add_fibres
 from valvefsi.case.materials import make_material, say_provenance
-from valvefsi.case.models import SIDES, Case, Mesh, Solid
+from valvefsi.case.models import Case, Mesh, Solid
+from valvefsi.case.sides import build_fluid, build_grid
 from valvefsi.case.writing import to_dict, to_toml
+from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
-from valvefsi.fluid.boundary import Boundary, Wall
-from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
 from valvefsi.geometry import mesh as meshes
 from valvefsi.geometry import shapes
@@ -25,6 +26,7 @@ from valvefsi.planning import plan
 from valvefsi.recording import Output, Probe
 from valvefsi.schedule import AdaptiveSchedule, Schedule
 from valvefsi.simulation import Progress, Simulation
+from valvefsi.solid.element_points import ElementPoints
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.structure import Discretisation, Structure
 
@@ -43,18 +45,19 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
     Note:
         Collective. The case is written to ``case.toml`` in the folder when the simulation is run.
     """
+    say_unconnected(case.circuit, comm.rank)
     grid = build_grid(case, comm)
-    fluid = NavierStokes(
-        grid,
-        _boundary(case, grid),
-        rho=case.fluid.density,
-        mu=case.fluid.viscosity,
-        advection=case.fluid.advection,
-    )
+    fluid = build_fluid(case, grid)
     solids = tuple(build_solid(case, number, comm) for number in range(len(case.solid)))
-    couplings = tuple(Coupling(grid, solid.kernel) for solid in case.solid)
+    couplings = tuple(_coupling(grid, *pair) for pair in zip(case.solid, solids, strict=True))
     model = Model(grid=grid, fluid=fluid, solids=solids, couplings=couplings)
     return Simulation(model, _schedule(case), _output(case, out))
+
+
+def _coupling(grid: MacGrid, given: Solid, solid: Structure) -> Coupling | ElementalCoupling:
+    if given.coupling == "nodal":
+        return Coupling(grid, given.kernel)
+    return ElementalCoupling(grid, given.kernel, ElementPoints(solid, given.mass), given.point_gap)
 
 
 def _schedule(case: Case) -> Schedule | AdaptiveSchedule:
@@ -108,24 +111,6 @@ def run_case(
     if comm.rank == 0:
         (Path(out) / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
     return result
-
-
-def build_grid(case: Case, comm: MPI.Comm) -> MacGrid:
-    """Build the grid of a case."""
-    periodic = [case.fluid.sides.periodic(axis) for axis in range(case.grid.dim)]
-    try:
-        return MacGrid(case.grid.lower, case.grid.upper, case.grid.cells, periodic, comm)
-    except ValueError as error:
-        raise CaseError(str(error), file=case.file, key="grid.cells", value=list(case.grid.cells)) from None
-
-
-def _boundary(case: Case, grid: MacGrid) -> Boundary:
-    walls = {}
-    for number, name in enumerate(SIDES[: 2 * grid.dim]):
-        if not grid.periodic[number // 2]:
-            velocity = getattr(case.fluid.sides, name).velocity
-            walls[name] = Wall(velocity=tuple(velocity) or (0.0,) * grid.dim)
-    return Boundary(grid, walls)
 
 
 def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:

@@ -10,7 +10,8 @@ from valvefsi.case.overrides import nearest
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
-    from valvefsi.case.models import Case, Grid, Sides, Solid
+    from valvefsi.case.fluid_tables import Grid, Side, Sides
+    from valvefsi.case.models import Case, Solid
 
 REACH = {
     "piecewise_linear": 1.0,
@@ -22,6 +23,10 @@ REACH = {
     "ib4": 2.0,
     "ib5": 2.5,
     "ib6": 3.0,
+    "composite_bspline32": 1.5,
+    "composite_bspline43": 2.0,
+    "composite_bspline54": 2.5,
+    "composite_bspline65": 3.0,
 }
 """How far each kernel reaches from a point, in grid spacings."""
 
@@ -33,6 +38,10 @@ def check_case(case: Case) -> None:
         CaseError: Something does not fit; its key is a path with numbers for the items of lists.
     """
     _check_sides(case.grid, case.fluid.sides)
+    circuits = [circuit.name for circuit in case.circuit]
+    for number, name in enumerate(circuits):
+        if name in circuits[:number]:
+            raise CaseError("two circuits have this name", key=f"circuit.{number}.name", value=name)
     names: list[str] = []
     for number, solid in enumerate(case.solid):
         key = f"solid.{number}"
@@ -78,7 +87,7 @@ def check_against_mesh(
 def _check_sides(grid: Grid, sides: Sides) -> None:
     """Velocities have one entry per dimension and let no net flow in; two dimensions have no z sides."""
     flow, scale = 0.0, 0.0
-    area = math.prod(n * grid.h for n in grid.cells)
+    lengths = [b - a for a, b in grid.bounds]
     for number, name in enumerate(type(sides).model_fields):
         side, (axis, upper) = getattr(sides, name), divmod(number, 2)
         key = f"fluid.sides.{name}"
@@ -86,18 +95,25 @@ def _check_sides(grid: Grid, sides: Sides) -> None:
             if side != type(side)():
                 raise CaseError("a case in two dimensions has no such side; leave it out", key=key)
             continue
+        _check_entries(side, grid.dim, key)
         if side.velocity:
-            if len(side.velocity) != grid.dim:
-                expected = f"expected {grid.dim} entries, or none for a wall at rest"
-                raise CaseError(expected, key=f"{key}.velocity", value=list(side.velocity))
-            rate = side.velocity[axis] * area / (grid.cells[axis] * grid.h)
+            rate = side.velocity[axis] * math.prod(lengths) / lengths[axis]
             flow += -rate if upper else rate
             scale += abs(rate)
-    if abs(flow) > 1e-12 * scale:
+    if abs(flow) > 1e-12 * scale and not sides.opens:
         raise CaseError(
-            f"the walls' velocities let {flow:g} cm^{grid.dim}/s into the box; in and out must balance",
+            f"the walls' velocities let {flow:g} cm^{grid.dim}/s into the box; in and out must balance, or a side be "
+            "open",
             key="fluid.sides",
         )
+
+
+def _check_entries(side: Side, dim: int, key: str) -> None:
+    for name in ("velocity", "velocity_expression", "centre"):
+        value = getattr(side, name)
+        if value and len(value) != dim:
+            hint = ", or none for a wall at rest" if name == "velocity" else ""
+            raise CaseError(f"expected {dim} entries{hint}", key=f"{key}.{name}", value=list(value))
 
 
 def _check_solid(case: Case, solid: Solid, key: str) -> None:
@@ -148,18 +164,22 @@ def _check_tags(solid: Solid, key: str, tags: Collection[str]) -> None:
 def _check_place(
     case: Case, solid: Solid, box: tuple[Sequence[float], Sequence[float]], key: str, value: object
 ) -> None:
-    """Keep a solid inside the box, and as far from its walls as the kernel reaches."""
+    """Keep a solid inside the box, and as far from its walls and from graded cells as the kernel reaches."""
     grid, reach = case.grid, REACH[solid.kernel] * case.grid.h
     for axis in range(grid.dim):
-        if case.fluid.sides.periodic(axis):
+        bounds, fine = grid.bounds[axis], grid.fine[axis]
+        if case.fluid.sides.periodic(axis) and fine == bounds:
             continue
-        low, high = grid.lower[axis] + reach, grid.upper[axis] - reach
+        low, high = fine[0] + reach, fine[1] - reach
         first, last = box[0][axis], box[1][axis]
         slack = 1e-12 * (high - low)
         if first < low - slack or last > high + slack:
             name = "xyz"[axis]
-            outside = first < grid.lower[axis] or last > grid.upper[axis]
-            what = "outside the box" if outside else f"within the reach of {solid.kernel} from a wall"
+            if first < bounds[0] or last > bounds[1]:
+                what = "outside the box"
+            else:
+                edge = "a wall" if fine == bounds else "cells that are not of the smallest width"
+                what = f"within the reach of {solid.kernel} from {edge}"
             raise CaseError(
                 f"the solid is {what}: it spans {name} = {first:g} ... {last:g} cm, "
                 f"allowed is {low:g} ... {high:g} cm",

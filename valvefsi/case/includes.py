@@ -48,7 +48,20 @@ def resolve_includes(raw: object, file: Path | None, key: str = "", depth: int =
         raise CaseError(f"cannot read this file: {error}", file=path) from None
     except tomllib.TOMLDecodeError as error:
         raise CaseError(f"not TOML: {error}", file=path) from None
-    return {**resolve_includes(included, path, key, depth + 1), **own}
+    found = resolve_includes(included, path, key, depth + 1)
+    return {**_placed(found, path.parent), **own}
+
+
+def _placed(raw: object, folder: Path) -> object:
+    """Return an included table, the paths of its files as seen from outside."""
+    if isinstance(raw, list):
+        return [_placed(item, folder) for item in raw]
+    if not isinstance(raw, Mapping):
+        return raw
+    inside = {key: _placed(value, folder) for key, value in raw.items()}
+    if isinstance(raw.get("file"), str):
+        inside["file"] = str(folder.resolve() / raw["file"])
+    return inside
 
 
 def _path(name: object, file: Path | None, key: str) -> Path:

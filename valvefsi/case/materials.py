@@ -195,7 +195,7 @@ def _read_direction(value: object, path: str) -> object:
 
 
 def material_schemas() -> list[dict[str, object]]:
-    """Return the JSON schema of each material of `MATERIALS`; one of your own has an import path and no schema."""
+    """Return the JSON schema of each material of `MATERIALS`; one of your own has an import path."""
     from valvefsi.solid.materials import MATERIALS
     from valvefsi.solid.presets import PRESETS
 
@@ -211,7 +211,8 @@ def material_schemas() -> list[dict[str, object]]:
         }
         schema = {"type": "object", "properties": named, "additionalProperties": False}
         schemas.append({**schema, "anyOf": [{"required": ["model", *required]}, {"required": ["preset"]}]})
-    return schemas
+    own = {"type": "string", "pattern": "[.:]", "description": "import path of a material of your own"}
+    return [*schemas, {"type": "object", "properties": {"model": own}, "required": ["model"]}]
 
 
 def _schema_of(kind: type) -> tuple[dict[str, object], list[str]]:

@@ -9,26 +9,36 @@ from typing import Annotated, Literal, Self
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 from pydantic_core import PydanticCustomError
 
+from valvefsi.case.circuit_tables import CircuitTable
+from valvefsi.case.fluid_tables import SIDES, Fluid, Grid
 from valvefsi.case.material_tables import Fibre, Material
 from valvefsi.case.quantities import (
     BodyDamping,
-    Density,
     Length,
     Quantity,
     StepPerSpacing,
     Stress,
     Time,
-    Velocity,
-    Viscosity,
 )
 from valvefsi.case.table import Name, Table, problem
 from valvefsi.errors import CaseError
 
 Axis = Literal["x", "y", "z"]
 Kernel = Literal[
-    "piecewise_linear", "bspline3", "bspline4", "bspline5", "bspline6", "ib3", "ib4", "ib5", "ib6"
+    "piecewise_linear",
+    "bspline3",
+    "bspline4",
+    "bspline5",
+    "bspline6",
+    "ib3",
+    "ib4",
+    "ib5",
+    "ib6",
+    "composite_bspline32",
+    "composite_bspline43",
+    "composite_bspline54",
+    "composite_bspline65",
 ]
-SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
 RECTANGLE = ("body", *SIDES[:4])
 SHAPES = {
     "compressed_block": (2, ("block", "bottom", "sides", "top_loaded", "top_outer")),
@@ -36,103 +46,6 @@ SHAPES = {
     "box": (3, ("body", *SIDES)),
 }
 """Shapes that valvefsi meshes itself: dimension and tags."""
-
-
-class Grid(Table):
-    """The box of fluid and its cells."""
-
-    lower: tuple[Length, ...] = Field(description="Lower corner of the box, 2 entries or 3")
-    upper: tuple[Length, ...] = Field(description="Upper corner of the box")
-    cells: tuple[Annotated[int, Field(ge=4)], ...] = Field(
-        description="Cells along each axis, at least 4; the spacing must be the same on all axes"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if len(self.lower) not in (2, 3):
-            raise problem("expected 2 or 3 entries", "lower", list(self.lower))
-        for key in ("upper", "cells"):
-            if len(getattr(self, key)) != self.dim:
-                raise problem(f"expected {self.dim} entries as in lower", key, list(getattr(self, key)))
-        if not all(a < b for a, b in zip(self.lower, self.upper, strict=True)):
-            raise problem(
-                f"expected each entry above that of lower, {list(self.lower)}", "upper", list(self.upper)
-            )
-        spacing = [(b - a) / n for a, b, n in zip(self.lower, self.upper, self.cells, strict=True)]
-        if max(spacing) - min(spacing) > 1e-12 * max(spacing):
-            fit = [round((b - a) / spacing[0]) for a, b in zip(self.lower, self.upper, strict=True)]
-            exact = all(
-                abs(n * spacing[0] - b + a) < 1e-9 * b
-                for n, a, b in zip(fit, self.lower, self.upper, strict=True)
-            )
-            hint = f"; {fit} would do" if exact else ""
-            shown = ", ".join(f"{h:.6g}" for h in spacing)
-            raise problem(
-                f"the spacing must be the same on all axes, it is {shown} cm{hint}", "cells", list(self.cells)
-            )
-        return self
-
-    @property
-    def dim(self) -> int:
-        """Number of dimensions."""
-        return len(self.lower)
-
-    @property
-    def h(self) -> float:
-        """Grid spacing [cm]."""
-        return (self.upper[0] - self.lower[0]) / self.cells[0]
-
-
-class Side(Table):
-    """One side of the box."""
-
-    type: Literal["wall", "periodic"] = Field("wall", description='"wall" or "periodic"')
-    velocity: tuple[Velocity, ...] = Field(
-        (), description="Velocity of the fluid on a wall, one entry per dimension; empty for a wall at rest"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.type == "periodic" and any(self.velocity):
-            raise problem("a periodic side has no velocity; leave it out", "velocity", list(self.velocity))
-        return self
-
-
-class Sides(Table):
-    """The sides of the box, walls at rest where nothing is said; in 3-D also z_lower and z_upper."""
-
-    x_lower: Side = Field(Side(), description="Side at the lower end of x")
-    x_upper: Side = Field(Side(), description="Side at the upper end of x")
-    y_lower: Side = Field(Side(), description="Side at the lower end of y")
-    y_upper: Side = Field(Side(), description="Side at the upper end of y")
-    z_lower: Side = Field(Side(), description="Side at the lower end of z, in three dimensions")
-    z_upper: Side = Field(Side(), description="Side at the upper end of z, in three dimensions")
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        for axis in "xyz":
-            types = {end: getattr(self, f"{axis}_{end}").type for end in ("lower", "upper")}
-            if len(set(types.values())) == 2:
-                wall = next(end for end, kind in types.items() if kind == "wall")
-                message = 'the opposite side is periodic; both must be "periodic" or both "wall"'
-                raise problem(message, f"{axis}_{wall}.type", "wall")
-        return self
-
-    def periodic(self, axis: int) -> bool:
-        """Whether the box is periodic along an axis."""
-        return getattr(self, SIDES[2 * axis]).type == "periodic"
-
-
-class Fluid(Table):
-    """The fluid; an immersed solid has its density and viscosity too."""
-
-    density: Density = Field(1.0, gt=0, description="Density rho")
-    viscosity: Viscosity = Field(0.01, gt=0, description="Dynamic viscosity mu")
-    advection: Literal["centred", "xsppm7"] = Field(
-        "centred",
-        description='Advection scheme, "centred" or "xsppm7" (upwind, for thin layers; keep |u| dt/h below 0.3)',
-    )
-    sides: Sides = Field(Sides(), description="Sides of the box")
 
 
 class TimeStepping(Table):
@@ -300,6 +213,16 @@ class Solid(Table):
         examples=[3],
     )
     kernel: Kernel = Field("bspline3", description="Kernel of the coupling: " + ", ".join(Kernel.__args__))
+    coupling: Literal["nodal", "elemental"] = Field(
+        "nodal",
+        description='Coupling at the "nodal" points, or "elemental": at quadrature points that follow the elements',
+    )
+    point_gap: float = Field(
+        0.5, gt=0, description="elemental only: largest gap between neighbouring points, in grid spacings"
+    )
+    mass: Literal["consistent", "lumped"] = Field(
+        "consistent", description='elemental only: mass of the projections, "consistent" or "lumped" (faster)'
+    )
     damping: BodyDamping = Field(0.0, ge=0, description="Damping eta of the whole body, force density -eta U")
     nu_stab: Annotated[float | None, BeforeValidator(_off)] = Field(
         0.4, description='Numerical Poisson ratio of the volumetric term, above -1 and below 0.5, or "off"'
@@ -349,6 +272,7 @@ class Case(Table):
     fluid: Fluid = Field(Fluid(), description="Fluid")
     time: TimeStepping = Field(description="Time")
     output: Output = Field(Output(), description="Output")
+    circuit: tuple[CircuitTable, ...] = Field((), description="Circuits of the flow loop")
     solid: tuple[Solid, ...] = Field((), description="Solids")
     _file: Path | None = PrivateAttr(None)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from valvefsi.case.circuit_tables import circuit_schemas
 from valvefsi.case.includes import resolve_includes
 from valvefsi.case.materials import material_schemas, modules_beside
 from valvefsi.case.models import Case
@@ -101,11 +102,17 @@ def case_schema() -> dict[str, object]:
         "description": material.get("description", ""),
         "oneOf": material_schemas(),
     }
+    circuit = schema["$defs"]["CircuitTable"]
+    schema["$defs"]["CircuitTable"] = {"description": circuit["description"], "oneOf": circuit_schemas()}
     return schema
 
 
 def _find_files(raw: dict[str, object], file: Path | None, changed: Sequence[str]) -> None:
-    """Make the paths of files of meshes and fibres absolute; refuse one that does not exist."""
+    """Make the paths of files of meshes, fibres and pumps absolute; refuse one that does not exist."""
+    circuits = raw.get("circuit")
+    for number, circuit in enumerate(circuits if isinstance(circuits, list) else ()):
+        if isinstance(circuit, dict):
+            _find_file(raw, ("circuit", number, "pump"), file, changed)
     solids = raw.get("solid")
     for number, solid in enumerate(solids if isinstance(solids, list) else ()):
         if not isinstance(solid, dict):

@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
+from valvefsi.case.circuit_tables import CircuitTable
 from valvefsi.case.models import SIDES, Case, Material, Table
 
 EXAMPLE: dict[str, Any] = {
@@ -14,6 +15,16 @@ EXAMPLE: dict[str, Any] = {
     "grid": {"lower": ["0 cm", "0 cm"], "upper": ["40 cm", "40 cm"], "cells": [64, 64]},
     "fluid": {"sides": {name: {"velocity": [0, 0]} for name in SIDES[:4]}},
     "time": {"dt_per_h": "0.001 s/cm", "t_end": "30 s"},
+    "circuit": [
+        {
+            "name": "outlet",
+            "model": "downstream",
+            "R_c": "0.0576 mmHg*s/ml",
+            "R_p": "0.887 mmHg*s/ml",
+            "C": "2.43 ml/mmHg",
+            "start": {"p_wk": "80 mmHg"},
+        }
+    ],
     "solid": [
         {
             "name": "block",
@@ -79,7 +90,7 @@ def _table(table: Table, path: tuple[str, ...], *, comments: bool) -> list[str]:
         elif comments or value not in (None, (), {}) or key == "nu_stab":
             lines += [_comment(table, key, field)] if comments else []
             lines.append(_line(table, key, field, value))
-    if isinstance(table, Material):
+    if isinstance(table, Material | CircuitTable):
         for key, value in table.parameters.items():
             unit = f" [{table.unit(key)}]" if table.unit(key) else ""
             lines += [f"# Parameter of {table.model}{unit}"] if comments else []

@@ -20,6 +20,7 @@ import typer
 from valvefsi import __version__
 from valvefsi.cli.bench import bench
 from valvefsi.cli.fit import fit
+from valvefsi.cli.immersed import immersed
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
@@ -44,6 +45,7 @@ app.command()(run)
 app.command()(case)
 app.command()(plot)
 bench.add_typer(statics)
+bench.add_typer(immersed)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 

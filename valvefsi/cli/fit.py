@@ -30,7 +30,9 @@ class BiaxialCommand:
     model: Annotated[
         str, typer.Option(help="hgo, lee-sacks, fung, may-newman-yin, neo-hookean or mooney-rivlin.")
     ] = "hgo"
-    families: Annotated[str, typer.Option(metavar="1|2|symmetric", help="Families of fibres of hgo.")] = "1"
+    families: Annotated[
+        str, typer.Option(metavar="1|2|2-kappas|symmetric", help="Families of fibres of hgo.")
+    ] = "1"
     fibre_angle: Annotated[
         str, typer.Option(metavar="DEG|free", help="Angle of the fibres to axis 1 of the test.")
     ] = "free"

@@ -12,7 +12,7 @@ from valvefsi.cli.options import Out
 
 def plot(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder of results, or one .vtu or .pvd file.")
+        Path, typer.Argument(metavar="DIR", help="Folder of results, or one .vtu or .pvd file; with --fibres a case file.")
     ],
     field: Annotated[
         str | None, typer.Option("--field", help="What is shown, such as J or 'von Mises stress'.")
@@ -20,11 +20,17 @@ def plot(
     t: Annotated[
         float | None, typer.Option("--time", help="Time of a series [s]; the last one if left out.")
     ] = None,
+    fibres: Annotated[
+        bool, typer.Option("--fibres", help="Draw the fibre fields of a case file instead; nothing is run.")
+    ] = False,
     out: Out = None,
 ) -> None:
-    """Draw every deformed solid in a folder of results; no display is needed."""
+    """Draw every deformed solid in a folder of results, or the fibres of a case; no display is needed."""
     from mpi4py import MPI
 
+    if fibres:
+        _draw_fibres(folder, out if out is not None else Path())
+        return
     from valvefsi.io.solid_plots import can_render, draw_folder
 
     if MPI.COMM_WORLD.rank != 0:
@@ -33,4 +39,13 @@ def plot(
     if not can_render() and made:
         typer.echo("pyvista or EGL is missing: bodies in space are drawn by matplotlib")
     for path in made:
+        typer.echo(str(path))
+
+
+def _draw_fibres(case_file: Path, out: Path) -> None:
+    """Draw the fibre fields of a case file."""
+    from valvefsi.case import load_case
+    from valvefsi.case.fibre_pictures import draw_fibres
+
+    for path in draw_fibres(load_case(case_file), out):
         typer.echo(str(path))

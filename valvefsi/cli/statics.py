@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from valvefsi.cli.options import HELP, Out, Set
 from valvefsi.cli.tables import show_result
+
+if TYPE_CHECKING:
+    from valvefsi.benchmarks.static_study import Setup
 
 statics = typer.Typer(help="Solid benchmarks.", **HELP)
 
@@ -21,31 +24,50 @@ Cell = Annotated[
 Refine = Annotated[
     int, typer.Option("--refine", min=0, help="Refine the mesh K times; gives the observed order.")
 ]
+Iterative = Annotated[
+    bool,
+    typer.Option("--iterative", help="FGMRES with multigrid instead of a factorisation, for large meshes."),
+]
 Elements = Annotated[int | None, typer.Option("--elements", min=1, help="Elements of the coarsest mesh.")]
 
 
 @statics.command("statics-compression")
 def compression(
-    cell: Cell = "both", refine: Refine = 0, elements: Elements = None, overrides: Set = None, out: Out = None
+    cell: Cell = "both",
+    refine: Refine = 0,
+    elements: Elements = None,
+    overrides: Set = None,
+    iterative: Iterative = False,
+    out: Out = None,
 ) -> None:
     """Benchmark E.1 as incompressible statics: u_y of the top centre is -3.9212 cm."""
-    _run("statics_compression", cell, refine, elements, overrides, out)
+    _run("statics_compression", _setup(cell, refine, elements, overrides, iterative=iterative), out)
 
 
 @statics.command("statics-cook")
 def cook(
-    cell: Cell = "both", refine: Refine = 0, elements: Elements = None, overrides: Set = None, out: Out = None
+    cell: Cell = "both",
+    refine: Refine = 0,
+    elements: Elements = None,
+    overrides: Set = None,
+    iterative: Iterative = False,
+    out: Out = None,
 ) -> None:
     """Cook's membrane as incompressible statics, beside the published band."""
-    _run("statics_cook", cell, refine, elements, overrides, out)
+    _run("statics_cook", _setup(cell, refine, elements, overrides, iterative=iterative), out)
 
 
 @statics.command("statics-torsion")
 def torsion(
-    cell: Cell = "both", refine: Refine = 0, elements: Elements = None, overrides: Set = None, out: Out = None
+    cell: Cell = "both",
+    refine: Refine = 0,
+    elements: Elements = None,
+    overrides: Set = None,
+    iterative: Iterative = False,
+    out: Out = None,
 ) -> None:
     """Benchmark E.2 as incompressible statics: u_y of the top centre at five angles up to 2.5 pi."""
-    _run("statics_torsion", cell, refine, elements, overrides, out)
+    _run("statics_torsion", _setup(cell, refine, elements, overrides, iterative=iterative), out)
 
 
 @statics.command("thick-shells")
@@ -53,7 +75,7 @@ def thick_shells(
     cell: Cell = "both", refine: Refine = 0, elements: Elements = None, overrides: Set = None, out: Out = None
 ) -> None:
     """A thick cylinder and a thick sphere under inner pressure, against their closed forms."""
-    _run("thick_shells", cell, refine, elements, overrides, out)
+    _run("thick_shells", _setup(cell, refine, elements, overrides), out)
 
 
 @statics.command("hgo-strip")
@@ -61,7 +83,7 @@ def hgo_strip(
     cell: Cell = "both", refine: Refine = 0, elements: Elements = None, overrides: Set = None, out: Out = None
 ) -> None:
     """A strip of the HGO material, flat and inflated as a ring, against the homogeneous solution (S1-S3)."""
-    _run("hgo_strip", cell, refine, elements, overrides, out)
+    _run("hgo_strip", _setup(cell, refine, elements, overrides), out)
 
 
 @statics.command("land")
@@ -76,26 +98,24 @@ def land(
     out: Out = None,
 ) -> None:
     """Land et al. 2015, cardiac mechanics: beam, inflation, contraction."""
-    _run("land", cell, refine, elements, overrides, out, problems=tuple(problem or (1, 2, 3)))
+    setup = _setup(cell, refine, elements, overrides)
+    _run("land", setup, out, problems=tuple(problem or (1, 2, 3)))
 
 
-def _run(
-    name: str,
-    cell: str,
-    refine: int,
-    elements: int | None,
-    overrides: list[str] | None,
-    out: Path | None,
-    **more: object,
-) -> None:
+def _setup(
+    cell: str, refine: int, elements: int | None, overrides: list[str] | None, *, iterative: bool = False
+) -> Setup:
+    from valvefsi.benchmarks.static_study import Setup
+
+    return Setup(cell=cell, elements=elements, refine=refine, overrides=overrides or (), iterative=iterative)
+
+
+def _run(name: str, setup: Setup, out: Path | None, **more: object) -> None:
     """Run a benchmark on the meshes asked for and show its table."""
     import importlib
 
     from mpi4py import MPI
 
-    from valvefsi.benchmarks.static_study import Setup
-
     benchmark = importlib.import_module(f"valvefsi.benchmarks.{name}")
     folder = out if out is not None else Path("results") / name.replace("_", "-")
-    setup = Setup(cell=cell, elements=elements, refine=refine, overrides=overrides or ())
     show_result(benchmark.run(setup, out=folder, comm=MPI.COMM_WORLD, **more), MPI.COMM_WORLD, folder)

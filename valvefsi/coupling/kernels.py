@@ -3,7 +3,9 @@
 delta_h(x) = prod_d phi(x_d / h_d) / h_d. Names as in the literature: ``piecewise_linear`` (Lee2020, S15),
 ``bspline3`` (S16), ``bspline4`` to ``bspline6`` (cardinal B-splines of that many points), ``ib3`` (Roma, Peskin and
 Berger 1999), ``ib4`` (Peskin 2002), ``ib5`` (Bao, Donev, Griffith, McQueen and Peskin 2017), ``ib6`` (Bao, Kaye and
-Peskin 2016).
+Peskin 2016), and the composite B-splines ``composite_bspline32`` to ``composite_bspline65``: for component d the first
+number of points along axis d, the second one along the others. As the derivative of a B-spline is the difference of
+two of one point less, the velocity they interpolate from a solenoidal field on faces is solenoidal everywhere.
 """
 
 from __future__ import annotations
@@ -19,17 +21,21 @@ kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy
 BSPLINE, IB3, IB4, IB5, IB6 = range(5)
 
 KERNELS = {
-    "piecewise_linear": (BSPLINE, 2),
-    "bspline3": (BSPLINE, 3),
-    "bspline4": (BSPLINE, 4),
-    "bspline5": (BSPLINE, 5),
-    "bspline6": (BSPLINE, 6),
-    "ib3": (IB3, 3),
-    "ib4": (IB4, 4),
-    "ib5": (IB5, 5),
-    "ib6": (IB6, 6),
+    "piecewise_linear": (BSPLINE, 2, 2),
+    "bspline3": (BSPLINE, 3, 3),
+    "bspline4": (BSPLINE, 4, 4),
+    "bspline5": (BSPLINE, 5, 5),
+    "bspline6": (BSPLINE, 6, 6),
+    "ib3": (IB3, 3, 3),
+    "ib4": (IB4, 4, 4),
+    "ib5": (IB5, 5, 5),
+    "ib6": (IB6, 6, 6),
+    "composite_bspline32": (BSPLINE, 3, 2),
+    "composite_bspline43": (BSPLINE, 4, 3),
+    "composite_bspline54": (BSPLINE, 5, 4),
+    "composite_bspline65": (BSPLINE, 6, 5),
 }
-"""Family and number of points of each kernel."""
+"""Family of each kernel, its number of points along the axis of the component, and along the other axes."""
 
 # Second moments that make ib5 and ib6 three times continuously differentiable.
 K5 = (38.0 - math.sqrt(69.0)) / 60.0
@@ -144,10 +150,11 @@ def prepare(base: Array, w: Array, x: Array, kind: tuple, grid: tuple) -> None:
 
     base[axis, s, q] is the first local index, w[axis, s, q, :] the weights; an axis of one cell has weight one.
     """
-    family, points = kind
+    family, normal, tangential = kind
     origin, inv_h, offset, dim = grid  # offset: local index of global entry 0
     for axis in range(dim):
         for s in range(2):
+            points = normal if s == 0 else tangential
             for q in range(x.shape[0]):
                 position = (x[q, axis] - origin[axis]) * inv_h[axis] - 0.5 * s
                 base[axis, s, q] = weights_at(w[axis, s, q], family, points, position) + offset[axis]
@@ -158,32 +165,34 @@ def prepare(base: Array, w: Array, x: Array, kind: tuple, grid: tuple) -> None:
 
 
 @kernel
-def spread(f: Array, base: Array, w: Array, F: Array, d: int, dim: int) -> None:
+def spread(f: Array, base: Array, w: Array, F: Array, d: int, kind: tuple, dim: int) -> None:
     """Spread component d, f(x) += sum_q F_d(q) w0 w1 w2, the weights of axis d being those on faces."""
-    n = w.shape[3]
-    n2 = 1 if dim == 2 else n
+    normal, tangential = kind[1], kind[2]
+    n0, n1 = normal if d == 0 else tangential, normal if d == 1 else tangential
+    n2 = 1 if dim == 2 else (normal if d == 2 else tangential)
     s0, s1, s2 = int(d != 0), int(d != 1), int(d != 2)
     for q in range(F.shape[0]):
         i0, j0, k0 = base[0, s0, q], base[1, s1, q], base[2, s2, q]
-        for i in range(n):
+        for i in range(n0):
             a = F[q, d] * w[0, s0, q, i]
-            for j in range(n):
+            for j in range(n1):
                 b = a * w[1, s1, q, j]
                 for k in range(n2):
                     f[i0 + i, j0 + j, k0 + k] += b * w[2, s2, q, k]
 
 
 @kernel
-def interpolate(U: Array, base: Array, w: Array, u: Array, d: int, dim: int) -> None:
+def interpolate(U: Array, base: Array, w: Array, u: Array, d: int, kind: tuple, dim: int) -> None:
     """Interpolate component d, U_d(q) = sum_x u(x) w0 w1 w2: the transpose of `spread`."""
-    n = w.shape[3]
-    n2 = 1 if dim == 2 else n
+    normal, tangential = kind[1], kind[2]
+    n0, n1 = normal if d == 0 else tangential, normal if d == 1 else tangential
+    n2 = 1 if dim == 2 else (normal if d == 2 else tangential)
     s0, s1, s2 = int(d != 0), int(d != 1), int(d != 2)
     for q in range(U.shape[0]):
         i0, j0, k0 = base[0, s0, q], base[1, s1, q], base[2, s2, q]
         total = 0.0
-        for i in range(n):
-            for j in range(n):
+        for i in range(n0):
+            for j in range(n1):
                 b = w[0, s0, q, i] * w[1, s1, q, j]
                 for k in range(n2):
                     total += b * w[2, s2, q, k] * u[i0 + i, j0 + j, k0 + k]

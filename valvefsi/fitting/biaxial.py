@@ -29,7 +29,7 @@ class BiaxialOptions:
     """What is fitted, and how.
 
     Args:
-        families: Families of fibres of ``hgo``: ``1``, ``2`` (at right angles) or ``symmetric`` (+-angle).
+        families: Families of fibres of ``hgo``: ``1``, ``2``, ``2-kappas`` or ``symmetric``, see `HGO`.
         fibre_angle: Angle of the fibres to axis 1 [deg]; None to fit it.
         fix: Values of parameters that are held, in their unit.
         bounds: Bounds of parameters, in their unit.

@@ -76,6 +76,9 @@ class Biaxial:
             angle -= 90
             one, other = names.index("k1_1"), names.index("k1_2")
             values[[one, one + 1, other, other + 1]] = values[[other, other + 1, one, one + 1]]
+            if "kappa_2" in names:
+                pair = [names.index("kappa_1"), names.index("kappa_2")]
+                values[pair] = values[pair[::-1]]
         elif angle > 90:
             angle -= 180
         mirrored = not self.data.shear or getattr(self.material, "families", "") == "symmetric"
@@ -211,14 +214,14 @@ def _chosen(parameter: Parameter, choices: Choices) -> Parameter:
             raise CaseError(
                 "expected a number that is not negative", key=f"fix {parameter.name}", value=value
             )
-        if parameter.name == "kappa" and not 0 <= value <= 1 / 3:
+        if parameter.name.startswith("kappa") and not 0 <= value <= 1 / 3:
             raise CaseError("expected a number from 0 to 1/3", key="fix kappa", value=value)
         return replace(parameter, value=value)
     if parameter.name in choices.bounds:
         low, high = choices.bounds[parameter.name]
         if parameter.log and low <= 0:
             low = min(parameter.lower, high * 1e-6) if high > 0 else low
-        if parameter.name == "kappa" and not 0 <= low < high <= 1 / 3 + 1e-12:
+        if parameter.name.startswith("kappa") and not 0 <= low < high <= 1 / 3 + 1e-12:
             raise CaseError("expected bounds from 0 to 1/3", key="bounds kappa", value=(low, high))
         return replace(parameter, lower=float(low), upper=float(high), value=None, period=None)
     return parameter

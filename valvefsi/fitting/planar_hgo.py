@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from valvefsi.fitting.least_squares import Parameter
 from valvefsi.fitting.planar import Extent, PlanarState, angle_parameter
 
-KINDS = ("1", "2", "symmetric")
+KINDS = ("1", "2", "2-kappas", "symmetric")
+TWO = ("2", "2-kappas")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,8 +23,8 @@ class HGO:
         E_f = kappa (I1 - 3) + (1 - 3 kappa) (I4* - 1),    I4* = max(I4, 1)
 
     Args:
-        families: ``1``; ``2`` at right angles with constants of their own and one kappa; ``symmetric``: two at
-            +angle and -angle with the same constants.
+        families: ``1``; ``2`` at right angles with constants of their own and one kappa; ``2-kappas``: each with
+            its own kappa as well; ``symmetric``: two at +angle and -angle with the same constants.
         angle: Angle of the first family to axis 1 [deg], None to fit it.
     """
 
@@ -32,50 +33,53 @@ class HGO:
     model: str = "hgo"
 
     def parameters(self, extent: Extent) -> tuple[Parameter, ...]:
-        """Return c10, c01, kappa, angle, and k1, k2 (k1_1, k2_1, k1_2, k2_2 of two families)."""
-        low, high = (-45.0, 45.0) if self.families == "2" else (0.0, 90.0)
+        """Return c10, c01, kappa, angle, and k1, k2 (k1_1, k2_1, k1_2, k2_2 of two families; kappa_1 and kappa_2)."""
+        low, high = (-45.0, 45.0) if self.families in TWO else (0.0, 90.0)
         common = (
             extent.modulus("c10", 1e-6, 1e-1),
             extent.exponent("c01", extent.I1, extent.I1, least=3.0),
-            Parameter(name="kappa", lower=0.0, upper=1 / 3, start=(0.0, 0.25)),
+            _dispersion("kappa_1" if self.families == "2-kappas" else "kappa"),
             angle_parameter(self.angle, low=low, high=high),
         )
         reach = (extent.I4[0] ** 2, extent.I4[1] ** 2)
         found = list(common)
-        for ending in ("_1", "_2") if self.families == "2" else ("",):
+        for ending in ("_1", "_2") if self.families in TWO else ("",):
             found += [extent.modulus(f"k1{ending}"), extent.exponent(f"k2{ending}", *reach)]
+        if self.families == "2-kappas":
+            found.append(_dispersion("kappa_2"))
         return tuple(found)
 
     def stress(self, v: NDArray, state: PlanarState) -> NDArray:
         """Return S, components 11, 22, 12, ``(3, n)`` [kPa]."""
-        c10, c01, kappa, angle = v[:4]
+        c10, c01, _, angle = v[:4]
         S = 2 * c10 * c01 * np.exp(c01 * (state.I1 - 3)) * state.A
-        for k1, k2, sign, shift, _ in self._each(v):
-            S = S + _Family(state, kappa, sign * angle + shift, k1, k2).stress
+        for k1, k2, sign, shift, (_, at_kappa) in self._each(v):
+            S = S + _Family(state, v[at_kappa], sign * angle + shift, k1, k2).stress
         return S
 
     def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
         """Return dS/dv, ``(parameters, 3, n)``."""
-        c10, c01, kappa, angle = v[:4]
+        c10, c01, _, angle = v[:4]
         X = state.I1 - 3
         found = np.zeros((len(v), 3, len(X)), dtype=np.result_type(v, X))
         matrix = 2 * np.exp(c01 * X) * state.A
         found[0], found[1] = c01 * matrix, c10 * (1 + c01 * X) * matrix
-        for k1, k2, sign, shift, at in self._each(v):
-            family = _Family(state, kappa, sign * angle + shift, k1, k2)
-            found[2] += family.by_kappa
+        for k1, k2, sign, shift, (at, at_kappa) in self._each(v):
+            family = _Family(state, v[at_kappa], sign * angle + shift, k1, k2)
+            found[at_kappa] += family.by_kappa
             found[3] += sign * family.by_angle
             found[at] += family.by_k1
             found[at + 1] += family.by_k2
         return found
 
     def _each(self, v: NDArray) -> list[tuple]:
-        """Return k1, k2, sign and shift of the angle, and the position of k1, of each family."""
-        if self.families == "2":
-            return [(v[4], v[5], 1, 0.0, 4), (v[6], v[7], 1, 90.0, 6)]
+        """Return k1, k2, sign and shift of the angle, and the positions of k1 and kappa, of each family."""
+        if self.families in TWO:
+            second = 8 if self.families == "2-kappas" else 2
+            return [(v[4], v[5], 1, 0.0, (4, 2)), (v[6], v[7], 1, 90.0, (6, second))]
         if self.families == "symmetric":
-            return [(v[4], v[5], 1, 0.0, 4), (v[4], v[5], -1, 0.0, 4)]
-        return [(v[4], v[5], 1, 0.0, 4)]
+            return [(v[4], v[5], 1, 0.0, (4, 2)), (v[4], v[5], -1, 0.0, (4, 2))]
+        return [(v[4], v[5], 1, 0.0, (4, 2))]
 
     def entries(self, v: Mapping[str, float]) -> dict[str, object]:
         """Return the entries of a material table."""
@@ -83,12 +87,18 @@ class HGO:
         endings = {
             "1": [("", 1, 0)],
             "2": [("_1", 1, 0), ("_2", 1, 90)],
+            "2-kappas": [("_1", 1, 0), ("_2", 1, 90)],
             "symmetric": [("", 1, 0), ("", -1, 0)],
         }
         for ending, sign, shift in endings[self.families]:
-            constants = {"k1": v[f"k1{ending}"], "k2": v[f"k2{ending}"], "kappa": v["kappa"]}
+            kappa = v["kappa"] if "kappa" in v else v[f"kappa{ending}"]
+            constants = {"k1": v[f"k1{ending}"], "k2": v[f"k2{ending}"], "kappa": kappa}
             table.append(constants | {"fibre": sign * v["angle"] + shift})
         return {"c10": v["c10"], "c01": v["c01"], "families": table}
+
+
+def _dispersion(name: str) -> Parameter:
+    return Parameter(name=name, lower=0.0, upper=1 / 3, start=(0.0, 0.25))
 
 
 class _Family:

@@ -2,66 +2,20 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valvefsi.circulation.linear import Circuit
-from valvefsi.errors import CaseError
 from valvefsi.fitting.fit_pictures import draw_profiles
 from valvefsi.fitting.uncertainty import band
-from valvefsi.fitting.windkessel_models import CIRCUITS, SIZES, state_unit
-from valvefsi.units import KILOPASCAL, LITRE_PER_MINUTE, MMHG, PASCAL
+from valvefsi.fitting.windkessel_models import CIRCUITS, state_unit
+from valvefsi.units import MMHG
 
 if TYPE_CHECKING:
     from valvefsi.fitting.windkessel import CircuitReport
     from valvefsi.fitting.windkessel_pump import PumpReport
-
-READABLE = {
-    **SIZES,
-    "dyn*s/cm^5": 1.0,
-    "cm^5/dyn": 1.0,
-    "dyn*s^2/cm^5": 1.0,
-    "Pa*s/m^3": 1e-5,
-    "m^3/Pa": 1e5,
-    "dyn/cm^2": 1.0,
-    "Pa": PASCAL,
-    "kPa": KILOPASCAL,
-    "cm^3/s": 1.0,
-    "L/min": LITRE_PER_MINUTE,
-}
-"""Units that ``circuit.toml`` may use, and their size in CGS."""
-ALIKE = (
-    ("mmHg*s/ml", "dyn*s/cm^5", "Pa*s/m^3"),
-    ("ml/mmHg", "cm^5/dyn", "m^3/Pa"),
-    ("mmHg*s^2/ml", "dyn*s^2/cm^5"),
-    ("mmHg", "dyn/cm^2", "Pa", "kPa"),
-    ("ml/s", "cm^3/s", "L/min"),
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class StoredCircuit:
-    """What ``circuit.toml`` holds.
-
-    Attributes:
-        name: Name of the circuit in `CIRCUITS`.
-        circuit: The circuit, CGS.
-        start: Initial states by name, CGS.
-        pump: The pump's record, None without one.
-        provenance: Where it is from.
-    """
-
-    name: str
-    circuit: Circuit
-    start: Mapping[str, float]
-    pump: Path | None
-    provenance: Mapping[str, object]
 
 
 def circuit_text(
@@ -69,12 +23,14 @@ def circuit_text(
 ) -> str:
     """Return the text of ``circuit.toml``; values and initial states in mmHg, ml and s."""
     parameters = CIRCUITS[name].parameters
-    lines = [f"# {CIRCUITS[name].about}", "[circuit]", f'model = "{name}"']
+    about = f"# {CIRCUITS[name].about}"
+    use = '# in a case file: [[circuit]], then name = "outlet" and include = "circuit.toml"'
+    lines = [about, use, f'model = "{name}"']
     lines += [f'{key} = "{float(values[key])!r} {unit}"' for key, (unit, _) in parameters.items()]
     if start:
-        lines += ["", "[circuit.start]"]
+        lines += ["", "[start]"]
         lines += [f'{key} = "{float(value)!r} {state_unit(key)}"' for key, value in start.items()]
-    lines += ["", "[circuit.provenance]", *(f"{key} = {_toml(value)}" for key, value in provenance.items())]
+    lines += ["", "[provenance]", *(f"{key} = {_toml(value)}" for key, value in provenance.items())]
     return "\n".join(lines) + "\n"
 
 
@@ -89,46 +45,6 @@ def write_circuit(report: CircuitReport, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def read_circuit(path: str | Path) -> StoredCircuit:
-    """Read ``circuit.toml``.
-
-    Raises:
-        CaseError: A key is missing, not known or holds what cannot be used.
-    """
-    path = Path(path)
-    name, table = _circuit_table(path)
-    parameters = CIRCUITS[name].parameters
-    for key in table:
-        if key not in (*parameters, "model", "start", "provenance", "pump"):
-            raise CaseError(f"unknown key, expected {', '.join(parameters)}", file=path, key=f"circuit.{key}")
-    values = {
-        key: _quantity(path, f"circuit.{key}", table.get(key), unit) for key, (unit, _) in parameters.items()
-    }
-    try:
-        circuit = CIRCUITS[name].kind(**values)
-    except ValueError as error:
-        raise CaseError(str(error), file=path, key="circuit") from None
-    states, given = circuit.system().states, table.get("start", {})
-    for key in given:
-        if key not in states:
-            raise CaseError(
-                f"no such state, expected {', '.join(states)}", file=path, key=f"circuit.start.{key}"
-            )
-    start = {
-        key: _quantity(path, f"circuit.start.{key}", text, state_unit(key)) for key, text in given.items()
-    }
-    pump = table.get("pump", {}).get("file")
-    if not isinstance(pump, str | None):
-        raise CaseError("expected the name of a file", file=path, key="circuit.pump.file", value=pump)
-    return StoredCircuit(
-        name=name,
-        circuit=circuit,
-        start=start,
-        pump=None if pump is None else path.parent / pump,
-        provenance=table.get("provenance", {}),
-    )
 
 
 def draw_fit(report: CircuitReport, out: Path) -> list[Path]:
@@ -185,37 +101,3 @@ def _toml(value: object) -> str:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return repr(float(value)) if isinstance(value, float) else repr(value)
     return '"' + str(value).replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def _circuit_table(path: Path) -> tuple[str, dict[str, object]]:
-    """Return the name of the circuit and its table, whose own tables are tables."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8")).get("circuit")
-    except OSError as error:
-        raise CaseError(f"cannot be read ({error.strerror})", file=path) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CaseError(str(error), file=path) from None
-    if not isinstance(table, dict):
-        raise CaseError("no table [circuit]", file=path)
-    name = table.get("model")
-    if name not in CIRCUITS:
-        raise CaseError(f"expected one of {', '.join(CIRCUITS)}", file=path, key="circuit.model", value=name)
-    for key in ("start", "pump", "provenance"):
-        if not isinstance(table.get(key, {}), dict):
-            raise CaseError("expected a table", file=path, key=f"circuit.{key}", value=table[key])
-    return name, table
-
-
-def _quantity(path: Path, key: str, text: object, unit: str) -> float:
-    """Return a number with a unit, such as "1.085 mmHg*s/ml", in CGS."""
-    choice = next(units for units in ALIKE if unit in units)
-    if isinstance(text, int | float) and not isinstance(text, bool):
-        return float(text)
-    match = re.fullmatch(r"\s*([-+.\deE]+)\s+(\S+)\s*", text) if isinstance(text, str) else None
-    if match is None or match[2] not in choice:
-        wanted = f'expected a number and one of {", ".join(choice)}, such as "1.0 {unit}"'
-        raise CaseError(wanted, file=path, key=key, value=text)
-    try:
-        return float(match[1]) * READABLE[match[2]]
-    except ValueError:
-        raise CaseError("expected a number", file=path, key=key, value=text) from None

@@ -101,7 +101,7 @@ class PumpReport:
         start = {"p_via": float(self.pump.p_via[0] / MMHG)} if self.circuit.C_VIA else {}
         about = {"derived": "p_pump, see pump.csv", "roundtrip_mmHg": self.roundtrip}
         text = circuit_text(CIRCUIT, self.parameters, start, {**_origin(self.measured), **about})
-        (out / "circuit.toml").write_text(text + '\n[circuit.pump]\nfile = "pump.csv"\n', encoding="utf-8")
+        (out / "circuit.toml").write_text(text + '\n[pump]\nfile = "pump.csv"\n', encoding="utf-8")
         draw_pump(self, out)
         path = out / "fit.json"
         path.write_text(json.dumps(self.as_dict(), indent=2) + "\n", encoding="utf-8")

@@ -16,10 +16,15 @@ import numba
 import numpy as np
 
 Array = np.ndarray
-BLOCK = 4096
-"""Entries in a block of the upwind fluxes (three scratch arrays of it fit the first two caches)."""
+BLOCK = 2048
+"""Entries in a block of upwind fluxes: its scratch and what it reads of q fit the second cache."""
+SHORT = 512
+"""Longest stride over which the fluxes of a block are computed anew at its upper end, not kept for the next block."""
+ROW = BLOCK + SHORT
+"""Entries in a row of scratch. A constant, for the compiler then knows that rows do not overlap."""
 
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
+inlined = numba.njit(cache=True, forceinline=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
 @kernel
@@ -50,81 +55,131 @@ def centred(out: Array, q: Array, u: tuple, d: int, inv_h: tuple, strides: tuple
                 o[c] += k * ((vp0[c] + vpm[c]) * (q0[c] + qp[c]) - (v00[c] + v0m[c]) * (qm[c] + q0[c]))
 
 
-@kernel
+@inlined
+def smaller(a: float, b: float) -> float:
+    """Return the smaller number (no care for NaN: one instruction)."""
+    return a if a < b else b
+
+
+@inlined
+def larger(a: float, b: float) -> float:
+    """Return the larger number (no care for NaN: one instruction)."""
+    return a if a > b else b
+
+
+@inlined
 def median(a: float, b: float, c: float) -> float:
     """Return the middle one of three numbers."""
-    return max(min(a, b), min(max(a, b), c))
+    return larger(smaller(a, b), smaller(larger(a, b), c))
 
 
-@kernel
+@inlined
 def weno5(a: float, b: float, c: float, d: float, e: float) -> float:
-    """Return the fifth-order WENO value at the upper edge of cell c (Jiang and Shu 1996)."""
-    s0 = 13.0 / 12.0 * (a - 2.0 * b + c) ** 2 + 0.25 * (a - 4.0 * b + 3.0 * c) ** 2
-    s1 = 13.0 / 12.0 * (b - 2.0 * c + d) ** 2 + 0.25 * (b - d) ** 2
-    s2 = 13.0 / 12.0 * (c - 2.0 * d + e) ** 2 + 0.25 * (3.0 * c - 4.0 * d + e) ** 2
+    """Return the fifth-order WENO value at the upper edge of cell c (Jiang and Shu 1996), with a single division."""
+    r0, r1, r2 = a - 2.0 * b + c, b - 2.0 * c + d, c - 2.0 * d + e
+    t0, t1, t2 = a - 4.0 * b + 3.0 * c, b - d, 3.0 * c - 4.0 * d + e
     tiny = 1e-6 * (a * a + b * b + c * c + d * d + e * e) + 1e-60
-    w0, w1, w2 = 0.1 / (s0 + tiny) ** 2, 0.6 / (s1 + tiny) ** 2, 0.3 / (s2 + tiny) ** 2
-    p0 = (2.0 * a - 7.0 * b + 11.0 * c) / 6.0
-    p1 = (-b + 5.0 * c + 2.0 * d) / 6.0
-    p2 = (2.0 * c + 5.0 * d - e) / 6.0
-    return (w0 * p0 + w1 * p1 + w2 * p2) / (w0 + w1 + w2)
+    s0 = 13.0 / 12.0 * r0 * r0 + 0.25 * t0 * t0 + tiny
+    s1 = 13.0 / 12.0 * r1 * r1 + 0.25 * t1 * t1 + tiny
+    s2 = 13.0 / 12.0 * r2 * r2 + 0.25 * t2 * t2 + tiny
+    m0, m1, m2 = s1 * s2, s0 * s2, s0 * s1
+    w0, w1, w2 = 0.1 * m0 * m0, 0.6 * m1 * m1, 0.3 * m2 * m2  # all times (s0 s1 s2)^2
+    p0 = 2.0 * a - 7.0 * b + 11.0 * c
+    p1 = -b + 5.0 * c + 2.0 * d
+    p2 = 2.0 * c + 5.0 * d - e
+    return (w0 * p0 + w1 * p1 + w2 * p2) / (6.0 * (w0 + w1 + w2))
 
 
-@kernel
+@inlined
+def septic(a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> float:
+    """Return the seventh-order value at the upper edge of cell d of seven cells a to g."""
+    k = 1.0 / 420.0
+    return (
+        -3.0 * k * a
+        + 25.0 * k * b
+        - 101.0 * k * c
+        + 319.0 * k * d
+        + 214.0 * k * e
+        - 38.0 * k * f
+        + 4.0 * k * g
+    )
+
+
+@inlined
 def edge(a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> float:
     """Return the xsPPM7 value at the upper edge of cell d of seven cells a to g."""
-    upper = (-3.0 * a + 25.0 * b - 101.0 * c + 319.0 * d + 214.0 * e - 38.0 * f + 4.0 * g) / 420.0
-    lower = (-3.0 * g + 25.0 * f - 101.0 * e + 319.0 * d + 214.0 * c - 38.0 * b + 4.0 * a) / 420.0
+    upper, lower = septic(a, b, c, d, e, f, g), septic(g, f, e, d, c, b, a)
     monotone = median(d, median(d, upper, e), 3.0 * d - 2.0 * median(d, lower, c))
-    if monotone == upper:
-        return upper
-    return median(monotone, weno5(b, c, d, e, f), upper)
+    limited = median(monotone, weno5(b, c, d, e, f), upper)
+    return upper if monotone == upper else limited
 
 
 @kernel
-def upwind_fluxes(flux: Array, margin: Array, speed: Array, q: Array, first: int, s: int) -> None:
-    """Fluxes v q with the seventh-order edge value from the side that v comes from; it is monotone where margin >= 0.
+def upwind_values(w: Array, q: Array, first: int, s: int, n: int) -> None:
+    """Seventh-order edge values from the side the flow comes from, w[c], and margins w[c + ROW], negative where limited.
 
-    Faces lie between entries c - s and c; branches are selections, so that the loop is compiled to vectors.
+    Faces lie between entries c - s and c, w[c + 2 ROW] holds the speeds. Branches are selections and w is one array,
+    so that the compiler makes vectors of the loop: it gives up where more than eight pairs of arrays could overlap.
     """
-    n = len(flux)
-    qa, qb, qc, qd = (
-        q[first - 4 * s : first - 4 * s + n],
-        q[first - 3 * s : first - 3 * s + n],
-        q[first - 2 * s : first - 2 * s + n],
-        q[first - s : first - s + n],
-    )
+    lo, hi = first - 4 * s, first + n
+    qa, qb, qc, qd = q[lo:hi], q[lo + s : hi], q[lo + 2 * s : hi], q[lo + 3 * s : hi]
     qe, qf, qg, qh = (
-        q[first : first + n],
-        q[first + s : first + s + n],
-        q[first + 2 * s : first + 2 * s + n],
-        q[first + 3 * s : first + 3 * s + n],
+        q[first:hi],
+        q[first + s : hi + s],
+        q[first + 2 * s : hi + 2 * s],
+        q[first + 3 * s : hi + 3 * s],
     )
     for c in range(n):
-        up = speed[c] > 0.0
-        c0, c1, c2 = (qa[c] if up else qh[c]), (qb[c] if up else qg[c]), (qc[c] if up else qf[c])
-        c3, c4 = (qd[c] if up else qe[c]), (qe[c] if up else qd[c])
-        c5, c6 = (qf[c] if up else qc[c]), (qg[c] if up else qb[c])
-        upper = (-3.0 * c0 + 25.0 * c1 - 101.0 * c2 + 319.0 * c3 + 214.0 * c4 - 38.0 * c5 + 4.0 * c6) / 420.0
-        lower = (-3.0 * c6 + 25.0 * c5 - 101.0 * c4 + 319.0 * c3 + 214.0 * c2 - 38.0 * c1 + 4.0 * c0) / 420.0
+        up = w[c + 2 * ROW] > 0.0
+        a0, a1, a2, a3, a4, a5, a6, a7 = qa[c], qb[c], qc[c], qd[c], qe[c], qf[c], qg[c], qh[c]
+        c0, c1, c2, c3 = (a0 if up else a7), (a1 if up else a6), (a2 if up else a5), (a3 if up else a4)
+        c4, c5, c6 = (a4 if up else a3), (a5 if up else a2), (a6 if up else a1)
+        upper, lower = septic(c0, c1, c2, c3, c4, c5, c6), septic(c6, c5, c4, c3, c2, c1, c0)
         # Not limited where upper and lower lie between the neighbours and the parabola through them is monotone.
         a, b = upper - c3, c3 - lower
-        r0, r1, r2 = a * (c4 - upper), b * (lower - c2), a * (2.0 * b - a)
-        least = r0 if r0 < r1 else r1
-        margin[c] = r2 if r2 < least else least
-        flux[c] = speed[c] * upper
+        least = smaller(smaller(a * (c4 - upper), b * (lower - c2)), a * (2.0 * b - a))
+        w[c] = upper
+        w[c + ROW] = least + 1e-28 * c3 * c3  # what is constant to round-off is left alone
 
 
 @kernel
-def limit(flux: Array, margin: Array, speed: Array, q: Array, first: int, s: int) -> None:
-    """Replace the fluxes whose edge value is not monotone by those of the limited one."""
-    for c in range(len(flux)):
-        if margin[c] < 0.0:
-            up = speed[c] > 0.0
-            m, t = (first + c - s, s) if up else (first + c, -s)
-            flux[c] = speed[c] * edge(
-                q[m - 3 * t], q[m - 2 * t], q[m - t], q[m], q[m + t], q[m + 2 * t], q[m + 3 * t]
-            )
+def limit(w: Array, at: Array, q: Array, first: int, s: int, n: int) -> None:
+    """Replace the edge values w[c] whose margin w[c + ROW] is negative; gathered first, so that this too is vectors."""
+    m = 0
+    for c in range(n):
+        at[m] = c
+        m += w[c + ROW] < 0.0
+    for k in range(m):
+        c = at[k]
+        up = w[c + 2 * ROW] > 0.0
+        i, t = (first + c - s, s) if up else (first + c, -s)
+        for r in range(7):
+            w[k + (3 + r) * ROW] = q[i + (r - 3) * t]
+    for k in range(m):
+        w[k + ROW] = edge(
+            w[k + 3 * ROW],
+            w[k + 4 * ROW],
+            w[k + 5 * ROW],
+            w[k + 6 * ROW],
+            w[k + 7 * ROW],
+            w[k + 8 * ROW],
+            w[k + 9 * ROW],
+        )
+    for k in range(m):
+        w[at[k]] = w[k + ROW]
+
+
+@kernel
+def fluxes(w: Array, at: Array, q: Array, v: Array, places: tuple) -> None:
+    """Upwind fluxes w[c] = v q at n faces from ``first`` on, between entries c - s and c; v is averaged over sd."""
+    first, n, s, sd = places
+    v0, vm = v[first : first + n], v[first - sd : first - sd + n]
+    for c in range(n):
+        w[c + 2 * ROW] = 0.5 * (v0[c] + vm[c])
+    upwind_values(w, q, first, s, n)
+    limit(w, at, q, first, s, n)
+    for c in range(n):
+        w[c] *= w[c + 2 * ROW]
 
 
 @kernel
@@ -133,25 +188,35 @@ def xsppm7(out: Array, q: Array, u: tuple, d: int, inv_h: tuple, strides: tuple,
 
     out = sum_e (F[c+e] - F[c]) / h_e,  F[c] = v q,  v = (u_e[c] + u_e[c-d]) / 2,
     q the edge value between faces c-e and c, from the side that v comes from
+
+    Where axis 0 has a long stride, blocks are taken one above the other along it and hand on their upper fluxes.
     """
     first, last = bounds
-    sd = strides[d]
-    out[first:last] = 0.0
-    for e in range(len(strides)):
-        s, v, k = strides[e], u[e], inv_h[e]
-        block = max(BLOCK, 8 * s)
-        speed, flux, margin = np.empty(block + s), np.empty(block + s), np.empty(block + s)
-        for start in range(first, last, block):
-            stop = min(start + block, last)
-            n = stop - start + s
-            v0, vm = v[start : start + n], v[start - sd : start - sd + n]
-            for c in range(n):
-                speed[c] = 0.5 * (v0[c] + vm[c])
-            upwind_fluxes(flux[:n], margin[:n], speed, q, start, s)
-            limit(flux[:n], margin, speed, q, start, s)
-            o = out[start:stop]
-            for c in range(stop - start):
-                o[c] += k * (flux[c + s] - flux[c])
+    s0, sd = strides[0], strides[d]
+    w, at, below = np.empty(10 * ROW), np.empty(ROW, np.int32), np.empty(BLOCK)
+    stacked = s0 > SHORT
+    step = s0 if stacked else BLOCK
+    for column in range(first, min(first + s0, last) if stacked else first + 1, BLOCK):
+        width = min(BLOCK, first + s0 - column) if stacked else BLOCK
+        if stacked:
+            n = min(width, last - column)
+            fluxes(w, at, q, u[0], (column, n, s0, sd))
+            below[:n] = w[:n]
+        for start in range(column, last, step):
+            n = min(width, last - start)
+            o = out[start : start + n]
+            if stacked:
+                fluxes(w, at, q, u[0], (start + s0, n, s0, sd))
+                for c in range(n):
+                    o[c] = inv_h[0] * (w[c] - below[c])
+                    below[c] = w[c]
+            else:
+                o[:] = 0.0
+            for e in range(int(stacked), len(strides)):
+                s = strides[e]
+                fluxes(w, at, q, u[e], (start, n + s, s, sd))
+                for c in range(n):
+                    o[c] += inv_h[e] * (w[c + s] - w[c])
 
 
 SCHEMES = {"centred": centred, "xsppm7": xsppm7}

@@ -193,10 +193,14 @@ class ExplicitViscosity(NavierStokes):
     dt <= 1 / (nu sum_d 4 / h_d^2).
     """
 
+    @staticmethod
+    def limit(grid: MacGrid, *, rho: float, mu: float) -> float:
+        """Return the largest stable step as far as viscosity goes [s]."""
+        rate = mu / rho * sum(4.0 / h**2 for h in grid.spacing[: grid.dim])
+        return 1.0 / rate if rate > 0.0 else math.inf
+
     def _set_up_viscosity(self) -> None:
-        nu = self.mu / self.rho
-        rate = nu * sum(4.0 / h**2 for h in self.grid.spacing[: self.grid.dim])
-        self.dt_limit = 1.0 / rate if rate > 0.0 else math.inf
+        self.dt_limit = self.limit(self.grid, rho=self.rho, mu=self.mu)
 
     def advection(self, u: Faces) -> Faces:
         """Explicit terms N = div(u u) - nu lap u on the faces, ``(dim)`` local arrays [cm/s^2].

@@ -250,7 +250,7 @@ def _profile(axes: Axes, panel: ProfilePanel) -> None:
     if panel.log:
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(mpl.ticker.LogLocator(subs=(1, 2, 5), numticks=6))
-        axes.xaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:.4g}"))
+        axes.xaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:.7g}"))
         axes.xaxis.set_minor_locator(mpl.ticker.NullLocator())
     else:
         axes.locator_params(axis="x", nbins=5)

@@ -86,6 +86,11 @@ class HGO:
         """Shear modulus of the matrix at F = I, mu_s = 2 c10 c01 [dyn/cm^2]."""
         return 2 * self.c10 * self.c01
 
+    @property
+    def fibre_modulus(self) -> float:
+        """Bound on what fibres add to the wave modulus at F = I, 16/9 sum k1 (1 - 3 kappa)^2 [dyn/cm^2]."""
+        return 16 / 9 * sum(f.k1 * (1 - 3 * f.kappa) ** 2 for f in self.families)
+
     def energy(self, kinematics: Kinematics) -> Expr:
         """Return W (Lee2020, eqs 4-5) [dyn/cm^2]."""
         W = self.c10 * (ufl.exp(self.c01 * (kinematics.I1_bar - 3)) - 1)
@@ -130,6 +135,11 @@ class HolzapfelOgden:
     def shear_modulus(self) -> float:
         """Shear modulus of the matrix at F = I, mu_s = a [dyn/cm^2]."""
         return self.a
+
+    @property
+    def fibre_modulus(self) -> float:
+        """Bound on what fibres add to the wave modulus at F = I, 16/9 (a_f + a_s) + a_fs [dyn/cm^2]."""
+        return 16 / 9 * (self.a_f + self.a_s) + self.a_fs
 
     @property
     def orthogonal(self) -> tuple[Direction, ...]:

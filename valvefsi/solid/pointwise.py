@@ -41,7 +41,8 @@ class Pointwise:
         fields = {name: ufl.as_vector([float(v) for v in a]) for name, a in (fibres or {}).items()}
         W = material.energy(Kinematics(F, fields))
         P = ufl.diff(W, F)
-        self._expressions = [self._compile(part) for part in (W, P)]
+        entries = [P[i, j] for i in range(dim) for j in range(dim)]
+        self._energy_and_stress = self._compile(ufl.as_vector([W, *entries]))  # one form to compile, not two
         self._tangent, self._P, self._variable = None, P, F
 
     def _compile(self, part: object) -> fem.Expression:
@@ -53,8 +54,8 @@ class Pointwise:
 
     def __call__(self, F: Array) -> tuple[float, Array]:
         """Return W [dyn/cm^2] and P = dW/dF ``(dim, dim)`` [dyn/cm^2] at F ``(dim, dim)``."""
-        W, P = (self._evaluate(expression, F) for expression in self._expressions)
-        return float(W[0]), P.reshape(self._F.value.shape)
+        found = self._evaluate(self._energy_and_stress, F)
+        return float(found[0]), found[1:].reshape(self._F.value.shape)
 
     def tangent(self, F: Array) -> Array:
         """Return dP/dF ``(dim, dim, dim, dim)`` [dyn/cm^2] at F."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ from valvefsi.solid.newton import Newton
 from valvefsi.solid.supports import Fixed, Symmetry, rotation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -60,6 +61,7 @@ class SolverOptions:
         relative_tolerance: Of the residual in each load step.
         quadrature_degree: Degree of the quadrature of all forms.
         solver: "direct" (MUMPS), or "fieldsplit" (FGMRES, multigrid) for large bodies with a pressure.
+        stops: Load factors that the path meets exactly, increasing, each above 0 and at most 1.
     """
 
     first_increment: float = 0.25
@@ -68,6 +70,7 @@ class SolverOptions:
     relative_tolerance: float = 1e-9
     quadrature_degree: int = 5
     solver: str = "direct"
+    stops: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 < self.smallest_increment <= self.first_increment <= 1:
@@ -75,6 +78,13 @@ class SolverOptions:
             raise CaseError(message, key="first_increment", value=self.first_increment)
         if self.solver not in SOLVERS:
             raise CaseError(f"expected one of {', '.join(SOLVERS)}", key="solver", value=self.solver)
+        if (
+            not all(a < b for a, b in itertools.pairwise((0.0, *self.stops)))
+            or max(self.stops, default=0) > 1
+        ):
+            raise CaseError(
+                "expected increasing load factors, 0 < s <= 1", key="stops", value=list(self.stops)
+            )
 
 
 @dataclass(frozen=True)
@@ -142,6 +152,7 @@ def solve(
     tethers: Sequence[Tether] = (),
     formulation: Formulation = TAYLOR_HOOD,
     options: SolverOptions = SolverOptions(),
+    on_stop: Callable[[float, StaticSolution], None] | None = None,
 ) -> StaticSolution:
     """Find the equilibrium of a body, exactly incompressible unless the formulation says otherwise.
 
@@ -160,6 +171,8 @@ def solve(
         tethers: Springs to the reference position; their damping is ignored.
         formulation: `TaylorHood`, `NearlyIncompressible` or `EqualOrder`.
         options: Load steps, tolerance, quadrature, linear solver.
+        on_stop: ``on_stop(s, solution)`` is called at each of the ``options.stops``, on all ranks; the solution is
+            good until it returns.
 
     Raises:
         CaseError: A tag is unknown or empty, a support or load names cells, or a fibre field cannot be used.
@@ -179,15 +192,22 @@ def solve(
     problem = SOLVERS[options.solver](body, formulation)
     absolute = 1e-13 * material.shear_modulus * body.size ** (mesh.dim - 1)
     problem.set_tolerances(options.relative_tolerance, absolute, options.max_iterations)
-    try:
-        steps = _follow_load(problem, options)
+    steps: list[LoadStep] = []
+
+    def solution() -> StaticSolution:
         displacement, pressure = problem.fields()
+        if pressure is None:
+            pressure = _project(formulation.pressure(mesh, material, displacement), mesh)
+        displacement.name, pressure.name = "displacement", "pressure"
+        return StaticSolution(displacement=displacement, pressure=pressure, load_steps=tuple(steps))
+
+    try:
+        for factor in _follow_load(problem, options, steps):
+            if on_stop is not None and factor in options.stops:
+                on_stop(factor, solution())
     finally:
         problem.newton.destroy()
-    if pressure is None:
-        pressure = _project(formulation.pressure(mesh, material, displacement), mesh)
-    displacement.name, pressure.name = "displacement", "pressure"
-    return StaticSolution(displacement=displacement, pressure=pressure, load_steps=tuple(steps))
+    return solution()
 
 
 def _project(value: object, mesh: object) -> fem.Function:
@@ -225,19 +245,20 @@ def evaluate_at(function: fem.Function, X: Sequence[float] | Array) -> Array:
     return values if given.ndim == 2 else values[0]
 
 
-def _follow_load(problem: Problem, options: SolverOptions) -> list[LoadStep]:
-    """Raise the load factor from 0 to 1 in steps that adapt to Newton's method."""
+def _follow_load(problem: Problem, options: SolverOptions, steps: list[LoadStep]) -> Iterator[float]:
+    """Raise the load factor from 0 to 1 in steps that adapt to Newton's method; give each that is reached."""
     factor, increment = 0.0, options.first_increment
-    steps: list[LoadStep] = []
     while factor < 1:
-        target = min(factor + increment, 1.0)
-        if target > 1 - 1e-12:
-            target = 1.0
+        end = next((stop for stop in options.stops if stop > factor), 1.0)
+        target = factor + increment
+        if target > end - 1e-12:
+            target = end
         problem.set_factor(target)
         converged, iterations = problem.solve()
         steps.append(LoadStep(target, iterations, converged))
         if converged:
             factor = target
+            yield factor
             increment *= 2 if iterations <= options.max_iterations // 3 else 1
         else:
             increment = (target - factor) / 2
@@ -246,4 +267,3 @@ def _follow_load(problem: Problem, options: SolverOptions) -> list[LoadStep]:
                 f"statics: no equilibrium beyond {factor:.4g} of the load, increments down to {increment:.2g}"
                 " failed; check the supports, refine the mesh or lower the load"
             )
-    return steps

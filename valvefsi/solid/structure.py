@@ -18,6 +18,7 @@ from valvefsi.solid.elasticity import Elasticity
 from valvefsi.solid.fibres import check_fibres
 from valvefsi.solid.lumping import lumped_weights
 from valvefsi.solid.materials import stabilisation
+from valvefsi.solid.moving_tether import MovingTether
 from valvefsi.solid.numbering import number_nodes
 
 if TYPE_CHECKING:
@@ -153,10 +154,15 @@ class Structure:
         self._spring, self._damper = np.zeros((n, 3)), np.zeros((n, 3))
         self._damper[:, : self.dim] = self.damping * self.weights[:, None]
         self._tether_reports = []
+        self._moving: list[tuple[MovingTether, NDArray[np.intp], Array]] = []
         for tether in self.tethers:
             weights, measure = lumped_weights(self.space, self.mesh, tether.on)
             mask = np.array(tether.mask) * (np.arange(3) < self.dim)
-            self._spring += tether.stiffness * weights[:, None] * mask
+            spring = tether.stiffness * weights[:, None] * mask
+            self._spring += spring
+            if isinstance(tether, MovingTether):
+                held = np.flatnonzero(spring.any(axis=1))
+                self._moving.append((tether, held, spring[held]))
             self._damper += tether.damping * weights[:, None] * mask
             axes = tether.components if self.dim == 3 else tuple(c for c in tether.components if c != "z")
             self._tether_reports.append(SupportReport(tether.on, tether.stiffness, measure, axes))
@@ -181,7 +187,9 @@ class Structure:
     def force(self, chi: Array, U: Array, t: float) -> Array:
         """Return the force on the nodes.
 
-            F_k = -int P : grad(phi_k) dX + ramp(t) int phi_k t dA + kappa w_k (X_k - chi_k) - eta w_k U_k
+            F_k = -int P : grad(phi_k) dX + ramp(t) int phi_k t dA + kappa w_k (X_k + d_k(t) - chi_k) - eta w_k U_k
+
+        with d_k the displacement of the anchors of moving tethers, else 0.
 
         Args:
             chi: Positions, ``(n, 3)`` [cm].
@@ -198,6 +206,8 @@ class Structure:
         F -= self._damper * U
         for ramp, dead in self._dead:
             F += ramp(t) * dead
+        for tether, held, spring in self._moving:
+            F[held] += spring * tether.motion(self.X[held], tether.ramp(t))
         F[:, : self.dim] += self.elasticity.force(chi)
         return F
 

@@ -1,4 +1,4 @@
-"""Numbers read off a state: speed, Courant number, energy."""
+"""Numbers read off a velocity: Courant number, largest speed, energy, velocity in the cells."""
 
 from __future__ import annotations
 
@@ -43,9 +43,12 @@ def fastest_place(grid: MacGrid, u: Faces) -> tuple[float, Array]:
 
 
 def kinetic_energy(grid: MacGrid, u: Faces, rho: float) -> float:
-    """Kinetic energy of the fluid, rho/2 sum u^2 h^3 over the owned faces [erg]. Collective."""
-    local = sum(float(np.square(c[grid.owned]).sum()) for c in u)
-    return grid.comm.allreduce(0.5 * rho * grid.cell_volume * local, op=MPI.SUM)
+    """Kinetic energy of the fluid, rho/2 sum u^2 V over the faces and their control volumes [erg]. Collective."""
+    local = 0.0
+    for d, c in enumerate(u):
+        own = grid.owned_faces(d)
+        local += float(np.einsum("ijk,ijk,ijk->", c[own], c[own], grid.volumes(d)[own]))
+    return grid.comm.allreduce(0.5 * rho * local, op=MPI.SUM)
 
 
 def cell_velocity(grid: MacGrid, u: Faces) -> Array:
@@ -55,3 +58,8 @@ def cell_velocity(grid: MacGrid, u: Faces) -> Array:
         upper = tuple(slice(s.start + int(a == d), s.stop + int(a == d)) for a, s in enumerate(grid.owned))
         out[..., d] = 0.5 * (c[grid.owned] + c[upper])
     return out
+
+
+def reynolds_number(flow: float, diameter: float, rho: float, mu: float) -> float:
+    """Reynolds number rho U D/mu of a flow [cm^3/s] through a disk of a diameter [cm], U = flow/(pi D^2/4)."""
+    return rho * abs(flow) * 4.0 / (np.pi * diameter * mu)

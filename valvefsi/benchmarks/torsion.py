@@ -1,0 +1,141 @@
+"""Torsion of a column (Lee2020, E.2), immersed, against exactly incompressible statics.
+
+A Mooney-Rivlin column of 1 x 6 x 1 cm, axis y, in a box of fluid of 3 x 9 x 3 cm, walls at rest. Its foot is held; the
+top face is turned in its plane by tethers whose anchors follow a rigid rotation, the axial displacement is free. The
+rotation grows smoothly over the first 40 % of the run. Twisting lengthens the column (Poynting's effect): the
+axial displacement of the top's centre is averaged over the last 20 %.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi.benchmarks import statics_torsion
+from valvefsi.benchmarks.immersed import Numerics, Problem, immersed_model, late_mean, late_size
+from valvefsi.benchmarks.immersed_study import Setup, Study, run_study
+from valvefsi.fluid.boundary import Boundary
+from valvefsi.geometry.shapes import box
+from valvefsi.grid import MacGrid
+from valvefsi.recording import Output, Probe
+from valvefsi.schedule import Schedule
+from valvefsi.simulation import Progress, Simulation
+from valvefsi.solid import statics
+from valvefsi.solid.loads import Ramp, Tether
+from valvefsi.solid.materials import MooneyRivlin
+from valvefsi.solid.moving_tether import MovingTether
+from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.supports import rotation
+
+PARAMETERS = {
+    "c1": (9000.0, "dyn/cm^2"),
+    "c2": (9000.0, "dyn/cm^2"),
+    "angle": (2.5 * math.pi, "1"),
+    "rho": (1.0, "g/cm^3"),
+    "mu": (0.04, "dyn*s/cm^2"),
+    "damping": (20.0, "dyn*s/cm^4"),
+    "t_end": (1.0, "s"),
+    "dt_per_h": (8.0e-4, "s/cm"),
+    "tether_stiffness": (1.0e7, "dyn/cm^3"),
+}
+WIDTH, HEIGHT, RAMP = 3.0, 9.0, 0.4
+"""Edges of the box [cm]; part of the run over which the top turns."""
+TOP = (0.5, 6.0, 0.5)
+"""Centre of the top [cm]."""
+STATIC = 2
+"""Hexahedra across the column in the static solution, where the parameters are not the published ones."""
+
+
+def simulation(numerics: Numerics, values: Mapping[str, float], folder: Path, comm: MPI.Comm) -> Simulation:
+    """Return the simulation of one column; ``numerics.grid`` counts cells along the box's width (collective)."""
+    n = numerics.grid
+    h = WIDTH / n
+    across = max(2, 2 * round(0.5 / (numerics.ratio * h)))
+    mesh = box(comm, size=(1.0, 6.0, 1.0), elements=(across, 6 * across, across))
+    turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
+    ramp = Ramp(duration=RAMP * values["t_end"], shape="smooth")
+    stiffness = values["tether_stiffness"]
+    solid = Structure(
+        mesh,
+        MooneyRivlin(c1=values["c1"], c2=values["c2"]),
+        name="column",
+        nu_stab=numerics.nu_stab,
+        discretisation=Discretisation(kernel=numerics.kernel),
+        damping=values["damping"],
+        tethers=[
+            Tether(on=("y_lower",), stiffness=stiffness),
+            MovingTether(
+                on=("y_upper",), components=("x", "z"), stiffness=stiffness, motion=turn, ramp=ramp
+            ),
+        ],
+    )
+    lower = (0.5 - WIDTH / 2, 3.0 - HEIGHT / 2, 0.5 - WIDTH / 2)
+    upper = (0.5 + WIDTH / 2, 3.0 + HEIGHT / 2, 0.5 + WIDTH / 2)
+    grid = MacGrid(lower, upper, (n, 3 * n, n), (False,) * 3, comm)
+    model = immersed_model(grid, Boundary(grid), solid, numerics, values)
+    steps = round(values["t_end"] / (values["dt_per_h"] * h * min(1.0, numerics.ratio)))
+    output = Output(
+        directory=folder,
+        history_every=max(1, steps // 200),
+        probes=(Probe(name="top_centre", solid=0, at=TOP),),
+    )
+    return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
+
+
+def quantities(history: Mapping[str, np.ndarray], values: Mapping[str, float]) -> dict[str, float]:
+    """Return the means over the end of a run."""
+    return {
+        "u_y_top_centre_cm": late_mean(history, "u_y_top_centre_cm"),
+        "change_percent": late_size(history, "column_volume_change_percent"),
+        "largest_change_percent": float(np.abs(history["column_volume_change_percent"]).max()),
+        "J_min": float(history["column_J_min"].min()),
+        "J_max": float(history["column_J_max"].max()),
+    }
+
+
+PROBLEM = Problem(name="torsion", simulation=simulation, quantities=quantities)
+
+
+def reference(values: Mapping[str, float], numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
+    """Return the incompressible displacement: the one known, or that of a static solution (collective)."""
+    known = dict(zip(statics_torsion.FRACTIONS, statics_torsion.COMPUTED, strict=True))
+    part = values["angle"] / (2.5 * math.pi)
+    nearest = min(known, key=lambda p: abs(p - part))
+    same = values["c1"] == values["c2"]  # only their ratio matters
+    if same and abs(nearest - part) < 1e-6:
+        return known[nearest], "mixed Q2-Q1 elements, 4 x 24 x 4"
+    mesh = box(comm, size=(1.0, 6.0, 1.0), elements=(STATIC, 6 * STATIC, STATIC))
+    turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
+    fixed = [
+        statics.Fixed(on=("y_lower",)),
+        statics.Fixed(on=("y_upper",), components=("x", "z"), value=turn),
+    ]
+    material = MooneyRivlin(c1=values["c1"], c2=values["c2"])
+    solution = statics.solve(mesh, material, fixed=fixed)
+    return float(solution.displacement_at(TOP)[1]), f"mixed Q2-Q1, {STATIC} x {6 * STATIC} x {STATIC}, this run"
+
+
+STUDY = Study(
+    problem=PROBLEM,
+    parameters=PARAMETERS,
+    main=("u_y_top_centre_cm", "u_y of the top centre", "cm"),
+    change=("column_volume_change_percent", "volume change"),
+    reference=reference,
+    column="u_y_top_centre_cm",
+    title="Torsion of a column (E.2), immersed",
+)
+
+
+def run(
+    setup: Setup,
+    *,
+    out: Path,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    progress: Callable[[str], Progress | None] | None = None,
+) -> dict[str, object]:
+    """Run the benchmark; see `immersed_study.run_study` (collective)."""
+    return run_study(STUDY, setup, out=out, comm=comm, progress=progress)

@@ -1,0 +1,177 @@
+"""Expressions in case files: numbers, x, y, z, t, columns of a table, and the usual functions; nothing else.
+
+An expression is parsed by Python's own parser and walked; what is not arithmetic is refused, so that a case file
+cannot run code.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from valvefsi.case.overrides import nearest
+from valvefsi.errors import CaseError
+
+Array = np.ndarray
+
+OPERATORS: dict[type, Callable] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.Mod: operator.mod,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+COMPARISONS: dict[type, Callable] = {
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+}
+FUNCTIONS: dict[str, Callable] = {
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "exp": np.exp,
+    "log": np.log,
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "tanh": np.tanh,
+    "min": np.minimum,
+    "max": np.maximum,
+    "where": np.where,
+}
+CONSTANTS = {"pi": np.pi}
+COORDINATES = ("x", "y", "z", "t")
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A function of x, y, z [cm] and t [s], and of columns of a table at t.
+
+    Args:
+        text: The expression, in CGS numbers.
+        names: Names it may use besides x, y, z, t and pi.
+
+    Raises:
+        ValueError: It is not an expression, or uses something that is not known.
+    """
+
+    text: str
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check every part of it."""
+        try:
+            tree = ast.parse(self.text, mode="eval")
+        except SyntaxError as error:
+            raise ValueError(f"not an expression: {error.msg}") from None
+        known = (*COORDINATES, *CONSTANTS, *self.names)
+        _check(tree.body, known)
+        object.__setattr__(self, "_tree", tree.body)
+
+    def __call__(self, values: Mapping[str, Array | float]) -> Array | float:
+        """Return its value.
+
+        Args:
+            values: Value of every name.
+        """
+        return _value(self._tree, {**CONSTANTS, **values})
+
+
+def _check(node: ast.AST, known: Collection[str]) -> None:
+    if (
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, int | float)
+        and not isinstance(node.value, bool)
+    ):
+        return
+    if isinstance(node, ast.Name):
+        if node.id not in known:
+            raise ValueError(f"unknown name {node.id!r}{nearest(node.id, [*known, *FUNCTIONS])}")
+        return
+    if isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in OPERATORS:
+        parts = [node.left, node.right] if isinstance(node, ast.BinOp) else [node.operand]
+    elif isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARISONS:
+        parts = [node.left, *node.comparators]
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+        if node.func.id not in FUNCTIONS:
+            raise ValueError(f"unknown function {node.func.id!r}{nearest(node.func.id, list(FUNCTIONS))}")
+        parts = node.args
+        wanted = {"min": 2, "max": 2, "where": 3}.get(node.func.id, 1)
+        if len(parts) != wanted:
+            raise ValueError(f"{node.func.id} takes {wanted} value{'s' * (wanted > 1)}, found {len(parts)}")
+    else:
+        raise ValueError(f"{ast.unparse(node)!r} is not arithmetic")
+    for part in parts:
+        _check(part, known)
+
+
+def _value(node: ast.AST, values: Mapping[str, Array | float]) -> Array | float:
+    if isinstance(node, ast.Constant):
+        return float(node.value)
+    if isinstance(node, ast.Name):
+        return values[node.id]
+    if isinstance(node, ast.BinOp):
+        return OPERATORS[type(node.op)](_value(node.left, values), _value(node.right, values))
+    if isinstance(node, ast.UnaryOp):
+        return OPERATORS[type(node.op)](_value(node.operand, values))
+    if isinstance(node, ast.Compare):
+        compare = COMPARISONS[type(node.ops[0])]
+        return compare(_value(node.left, values), _value(node.comparators[0], values))
+    return FUNCTIONS[node.func.id](*[_value(part, values) for part in node.args])
+
+
+@dataclass(frozen=True)
+class TimeTable:
+    """Columns over time from a CSV file, linear between its rows and constant beyond.
+
+    Attributes:
+        t: Times, ``(n,)`` [s].
+        columns: Values by the name of the column, ``(n,)`` each.
+    """
+
+    t: Array
+    columns: dict[str, Array]
+
+    def at(self, t: float) -> dict[str, float]:
+        """Return every column at a time."""
+        return {name: float(np.interp(t, self.t, values)) for name, values in self.columns.items()}
+
+
+def read_table(path: Path) -> TimeTable:
+    """Read a table whose first column is ``t_s``.
+
+    Raises:
+        CaseError: The file is missing, has no ``t_s`` first, an entry is no finite number, or times do not increase.
+    """
+    try:
+        lines = [line for line in path.read_text().splitlines() if line.strip() and not line.startswith("#")]
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaseError(f"cannot be read: {error.__class__.__name__}", file=path) from None
+    names = [name.strip() for name in lines[0].split(",")] if lines else []
+    if len(names) < 2 or names[0] != "t_s":
+        raise CaseError("expected a header that begins with t_s and names one more column", file=path)
+    rows = []
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            row = [float(entry) for entry in line.split(",")]
+        except ValueError:
+            row = []
+        if len(row) != len(names) or not np.all(np.isfinite(row)):
+            raise CaseError(f"row {number}: expected {len(names)} finite numbers", file=path, value=line)
+        rows.append(row)
+    if len(rows) < 2:
+        raise CaseError("expected at least two rows", file=path)
+    table = np.array(rows)
+    if not np.all(np.diff(table[:, 0]) > 0.0):
+        row = int(np.argmax(np.diff(table[:, 0]) <= 0.0)) + 3
+        raise CaseError(f"row {row}: times must increase", file=path, key="t_s", value=table[row - 2, 0])
+    return TimeTable(table[:, 0], {name: table[:, k] for k, name in enumerate(names) if k > 0})

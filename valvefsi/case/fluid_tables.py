@@ -1,0 +1,254 @@
+"""The tables of a case file about the fluid: the grid, the sides of the box, the fluid."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from valvefsi.case.expressions import Expression
+from valvefsi.case.quantities import Density, Length, Stress, Velocity, Viscosity
+from valvefsi.case.table import Table, problem
+from valvefsi.grading import graded_edges
+
+SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
+Spacings = tuple[tuple[Length, Annotated[Length, Field(gt=0)]], ...]
+
+
+class Grid(Table):
+    """The box of fluid and its cells: equal ones, or graded by wanted spacings along each axis."""
+
+    lower: tuple[Length, ...] = Field(
+        (), description="Lower corner of the box, 2 entries or 3; or give x, y (and z)"
+    )
+    upper: tuple[Length, ...] = Field((), description="Upper corner of the box")
+    cells: tuple[Annotated[int, Field(ge=4)], ...] = Field(
+        (), description="Cells along each axis, at least 4; the spacing must be the same on all axes"
+    )
+    x: Spacings = Field(
+        (),
+        description="Positions along x with the spacings wanted there, instead of lower, upper and cells; the "
+        "smallest spacing must be the same on all axes",
+        examples=[[["-5 cm", "4 mm"], ["-2 cm", "1 mm"], ["2 cm", "1 mm"], ["5 cm", "4 mm"]]],
+    )
+    y: Spacings = Field((), description="The same along y")
+    z: Spacings = Field((), description="The same along z, in three dimensions")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if any((self.x, self.y, self.z)):
+            return self._check_graded()
+        if len(self.lower) not in (2, 3):
+            raise problem("expected 2 or 3 entries", "lower", list(self.lower))
+        for key in ("upper", "cells"):
+            if len(getattr(self, key)) != self.dim:
+                raise problem(f"expected {self.dim} entries as in lower", key, list(getattr(self, key)))
+        if not all(a < b for a, b in zip(self.lower, self.upper, strict=True)):
+            raise problem(
+                f"expected each entry above that of lower, {list(self.lower)}", "upper", list(self.upper)
+            )
+        spacing = [(b - a) / n for a, b, n in zip(self.lower, self.upper, self.cells, strict=True)]
+        if max(spacing) - min(spacing) > 1e-12 * max(spacing):
+            fit = [round((b - a) / spacing[0]) for a, b in zip(self.lower, self.upper, strict=True)]
+            exact = all(
+                abs(n * spacing[0] - b + a) < 1e-9 * b
+                for n, a, b in zip(fit, self.lower, self.upper, strict=True)
+            )
+            hint = f"; {fit} would do" if exact else ""
+            shown = ", ".join(f"{h:.6g}" for h in spacing)
+            raise problem(
+                f"the spacing must be the same on all axes, it is {shown} cm{hint}", "cells", list(self.cells)
+            )
+        return self
+
+    def _check_graded(self) -> Self:
+        for key in ("lower", "upper", "cells"):
+            if getattr(self, key):
+                raise problem("give x, y, z or lower, upper, cells, not both", key, list(getattr(self, key)))
+        for key, value in (("x", self.x), ("y", self.y)):
+            if not value:
+                raise problem(
+                    "a graded grid needs x and y (and z), each with positions and spacings", key, []
+                )
+        smallest = []
+        for axis, points in zip("xyz", (self.x, self.y, self.z), strict=True):
+            if points:
+                try:
+                    smallest.append(np.diff(graded_edges(points)).min())
+                except ValueError as error:
+                    raise problem(str(error), axis, [list(pair) for pair in points]) from None
+        if max(smallest) - min(smallest) > 1e-6 * max(smallest):
+            shown = ", ".join(f"{h:.6g}" for h in smallest)
+            raise problem(
+                f"the smallest spacing must be the same on all axes, it is {shown} cm",
+                "x",
+                [list(p) for p in self.x],
+            )
+        return self
+
+    @property
+    def graded(self) -> bool:
+        """Whether the grid is given by spacings."""
+        return bool(self.x)
+
+    @cached_property
+    def edges(self) -> list[np.ndarray]:
+        """Edges of the cells along each axis [cm]."""
+        if self.graded:
+            return [graded_edges(points) for points in (self.x, self.y, self.z) if points]
+        return [np.linspace(a, b, n + 1) for a, b, n in zip(self.lower, self.upper, self.cells, strict=True)]
+
+    @property
+    def dim(self) -> int:
+        """Number of dimensions."""
+        return len(self.edges) if self.graded else len(self.lower)
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """Lower and upper end of the box along each axis [cm]."""
+        return [(float(e[0]), float(e[-1])) for e in self.edges]
+
+    @property
+    def fine(self) -> list[tuple[float, float]]:
+        """Along each axis the region where cells have the smallest width, where solids must stay [cm]."""
+        if not self.graded:
+            return self.bounds
+        fine = []
+        for e in self.edges:
+            small = np.flatnonzero(np.diff(e) < np.diff(e).min() * (1 + 1e-6))
+            fine.append((float(e[small[0]]), float(e[small[-1] + 1])))
+        return fine
+
+    @property
+    def h(self) -> float:
+        """Grid spacing, the smallest on a graded grid [cm]."""
+        if self.graded:
+            return float(min(np.diff(e).min() for e in self.edges))
+        return (self.upper[0] - self.lower[0]) / self.cells[0]
+
+
+class Side(Table):
+    """One side of the box."""
+
+    type: Literal["wall", "periodic", "free_slip", "open", "mixed"] = Field(
+        "wall",
+        description='"wall", "periodic", "free_slip", "open" (normal traction given, no velocity along the side) or '
+        '"mixed" (open on a disk, wall at rest elsewhere)',
+    )
+    velocity: tuple[Velocity, ...] = Field(
+        (), description="Velocity of the fluid on a wall, one entry per dimension; empty for a wall at rest"
+    )
+    velocity_expression: tuple[str, ...] = Field(
+        (),
+        description="The same as expressions in x, y, z [cm], t [s] and the columns of table, in cm/s",
+        examples=[["6 * y * (1 - y)", "0"]],
+    )
+    pressure: Stress = Field(0.0, description="Pressure outside an open side or disk")
+    pressure_expression: str = Field(
+        "", description="The same as an expression, in dyn/cm^2", examples=["1e5 * sin(2 * pi * t)"]
+    )
+    table: str = Field(
+        "",
+        description="CSV file with a column t_s, whose other columns expressions may use by their names; relative to "
+        "the case file",
+        examples=["inflow.csv"],
+    )
+    backflow: float = Field(
+        1.0,
+        ge=0,
+        le=1,
+        description="Part of the dynamic pressure that fluid coming in through an open side loses; 1 is stable, 0 "
+        "keeps the pressure on the side itself",
+    )
+    centre: tuple[Length, ...] = Field(
+        (), description="mixed only: centre of the open disk, one entry per dimension"
+    )
+    radius: Length | None = Field(
+        None, gt=0, description="mixed only: radius of the open disk", examples=["1.25 cm"]
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.type == "periodic" and any(self.velocity):
+            raise problem("a periodic side has no velocity; leave it out", "velocity", list(self.velocity))
+        allowed = {
+            "wall": {"velocity", "velocity_expression", "table"},
+            "free_slip": set(),
+            "periodic": {"velocity"},
+        }
+        opened = {"pressure", "pressure_expression", "backflow", "table"}
+        allowed |= {"open": opened, "mixed": opened | {"centre", "radius"}}
+        for key in self.model_fields_set - {"type"} - allowed[self.type]:
+            if getattr(self, key) != type(self).model_fields[key].default:
+                raise problem(
+                    f"a side of type {self.type!r} has no such key; leave it out", key, getattr(self, key)
+                )
+        for key, other in (("velocity", "velocity_expression"), ("pressure", "pressure_expression")):
+            if getattr(self, key) and getattr(self, other):
+                raise problem(f"give {key} or {other}, not both", other, getattr(self, other))
+        if self.type == "mixed" and (not self.centre or self.radius is None):
+            raise problem("a mixed side needs centre and radius", "centre", list(self.centre))
+        self._check_expressions()
+        return self
+
+    def _check_expressions(self) -> None:
+        """Check them here as far as this can be done without the table."""
+        if self.table:
+            return
+        for key in ("velocity_expression", "pressure_expression"):
+            given = getattr(self, key)
+            for text in (given,) if isinstance(given, str) else given:
+                if text:
+                    try:
+                        Expression(text)
+                    except ValueError as error:
+                        raise problem(str(error), key, text) from None
+
+
+class Sides(Table):
+    """The sides of the box, walls at rest where nothing is said; in 3-D also z_lower and z_upper."""
+
+    x_lower: Side = Field(Side(), description="Side at the lower end of x")
+    x_upper: Side = Field(Side(), description="Side at the upper end of x")
+    y_lower: Side = Field(Side(), description="Side at the lower end of y")
+    y_upper: Side = Field(Side(), description="Side at the upper end of y")
+    z_lower: Side = Field(Side(), description="Side at the lower end of z, in three dimensions")
+    z_upper: Side = Field(Side(), description="Side at the upper end of z, in three dimensions")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for axis in "xyz":
+            types = {end: getattr(self, f"{axis}_{end}").type for end in ("lower", "upper")}
+            if list(types.values()).count("periodic") == 1:
+                other = next(end for end, kind in types.items() if kind != "periodic")
+                message = "the opposite side is periodic; both must be or neither"
+                raise problem(message, f"{axis}_{other}.type", types[other])
+        return self
+
+    @property
+    def opens(self) -> bool:
+        """Whether fluid may leave the box somewhere."""
+        return any(getattr(self, name).type in ("open", "mixed") for name in SIDES)
+
+    def periodic(self, axis: int) -> bool:
+        """Whether the box is periodic along an axis."""
+        return getattr(self, SIDES[2 * axis]).type == "periodic"
+
+
+class Fluid(Table):
+    """The fluid; an immersed solid has its density and viscosity too."""
+
+    density: Density = Field(1.0, gt=0, description="Density rho")
+    viscosity: Viscosity = Field(0.01, gt=0, description="Dynamic viscosity mu")
+    advection: Literal["centred", "xsppm7"] = Field(
+        "centred",
+        description='Advection scheme, "centred" or "xsppm7" (upwind, for thin layers; keep |u| dt/h below 0.3)',
+    )
+    viscous: Literal["auto", "implicit", "explicit"] = Field(
+        "auto",
+        description='Viscous term: "implicit" (Crank-Nicolson), "explicit" (three solves fewer, with a limit of the '
+        'step) or "auto" (explicit where the step is at most half of that limit)',
+    )
+    sides: Sides = Field(Sides(), description="Sides of the box")

@@ -1,0 +1,119 @@
+"""From the tables of a case to the grid and the sides of its box."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi.case.expressions import Expression, TimeTable, read_table
+from valvefsi.case.fluid_tables import SIDES, Side
+from valvefsi.case.models import Case
+from valvefsi.errors import CaseError
+from valvefsi.fluid import boundary
+from valvefsi.fluid.boundary import Boundary
+from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
+from valvefsi.grid import Array, MacGrid
+
+EXPLICIT_SHARE = 0.5
+"""Part of the limit of explicit viscosity up to which it is chosen."""
+
+
+def build_grid(case: Case, comm: MPI.Comm) -> MacGrid:
+    """Build the grid of a case."""
+    grid = case.grid
+    periodic = [case.fluid.sides.periodic(axis) for axis in range(grid.dim)]
+    try:
+        if grid.graded:
+            return MacGrid.graded(grid.edges, periodic, comm)
+        return MacGrid(grid.lower, grid.upper, grid.cells, periodic, comm)
+    except ValueError as error:
+        key, value = ("grid.x", list(grid.x)) if grid.graded else ("grid.cells", list(grid.cells))
+        raise CaseError(str(error), file=case.file, key=key, value=value) from None
+
+
+def build_fluid(case: Case, grid: MacGrid) -> NavierStokes:
+    """Build the fluid of a case, with the viscous scheme that it asks for or that its step allows.
+
+    Raises:
+        CaseError: The viscous scheme is not stable with the step, or a side cannot be as it is told.
+    """
+    fluid = case.fluid
+    physics = {"rho": fluid.density, "mu": fluid.viscosity, "advection": fluid.advection}
+    sides = build_boundary(case, grid)
+    limit = ExplicitViscosity.limit(grid, rho=fluid.density, mu=fluid.viscosity)
+    if fluid.viscous == "explicit" and case.dt > limit:
+        raise CaseError(
+            f"explicit viscosity is stable up to a step of {limit:.3g} s, the step is {case.dt:.3g} s",
+            file=case.file,
+            key="fluid.viscous",
+            value=fluid.viscous,
+        )
+    explicit = fluid.viscous == "explicit" or (fluid.viscous == "auto" and case.dt <= EXPLICIT_SHARE * limit)
+    return (ExplicitViscosity if explicit else NavierStokes)(grid, sides, **physics)
+
+
+def build_boundary(case: Case, grid: MacGrid) -> Boundary:
+    """Build the sides of the box of a case.
+
+    Raises:
+        CaseError: A table cannot be read, an expression cannot be used, or no face of a disk is open.
+    """
+    sides = {}
+    for number, name in enumerate(SIDES[: 2 * grid.dim]):
+        if not grid.periodic[number // 2]:
+            key = f"fluid.sides.{name}"
+            sides[name] = _side(getattr(case.fluid.sides, name), case, grid.dim, key)
+    try:
+        return Boundary(grid, sides)
+    except ValueError as error:
+        raise CaseError(str(error), file=case.file, key="fluid.sides") from None
+
+
+def _side(side: Side, case: Case, dim: int, key: str) -> boundary.Side:
+    if side.type == "free_slip":
+        return boundary.FreeSlip()
+    table = read_table(_path(side.table, case.file)) if side.table else None
+    if side.type == "wall":
+        if not side.velocity_expression:
+            return boundary.Wall(velocity=tuple(side.velocity) or (0.0,) * dim)
+        parts = [
+            _function(text, table, case, f"{key}.velocity_expression") for text in side.velocity_expression
+        ]
+        return boundary.Wall(velocity=lambda x, y, z, t: [part(x, y, z, t) for part in parts])
+    pressure = side.pressure
+    if side.pressure_expression:
+        pressure = _function(side.pressure_expression, table, case, f"{key}.pressure_expression")
+    opened = boundary.Open(pressure=pressure, backflow=side.backflow)
+    if side.type == "open":
+        return opened
+    centre = (*side.centre, 0.0)[:3]
+    return boundary.Mixed(open=opened, where=boundary.Disk(centre=centre, radius=side.radius))
+
+
+def _path(name: str, file: Path | None) -> Path:
+    return (file.parent if file is not None else Path()) / name
+
+
+def _function(
+    text: str, table: TimeTable | None, case: Case, key: str
+) -> Callable[[Array, Array, Array, float], Array | float]:
+    """A function of place and time from an expression, tried once at the origin at t = 0."""
+    try:
+        expression = Expression(text, tuple(table.columns) if table else ())
+    except ValueError as error:
+        raise CaseError(str(error), file=case.file, key=key, value=text) from None
+
+    def function(x: Array, y: Array, z: Array, t: float) -> Array | float:
+        values = {"x": x, "y": y, "z": z, "t": t}
+        return expression(values | (table.at(t) if table else {}))
+
+    with np.errstate(all="ignore"):
+        value = function(*([np.array(0.5 * sum(b)) for b in case.grid.bounds] + [np.array(0.0)])[:3], 0.0)
+    if not np.all(np.isfinite(value)):
+        raise CaseError(
+            "the value in the middle of the box at t = 0 is not finite", file=case.file, key=key, value=text
+        )
+    return function

@@ -1,0 +1,114 @@
+"""Pictures of series of immersed runs: histories over time, quantities over kernels and meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from valvefsi.io.plots import GRID, INK, LINES, MUTED, STYLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """One line of a panel.
+
+    Attributes:
+        label: Its name in the legend; "" for none.
+        x: Abscissae.
+        y: Ordinates.
+        colour: Number of its colour.
+        style: "-", "--", ":" or a marker such as "o-".
+    """
+
+    label: str
+    x: ArrayLike
+    y: ArrayLike
+    colour: int = 0
+    style: str = "-"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Panel:
+    """One panel.
+
+    Attributes:
+        lines: What is drawn.
+        xlabel: Quantity and unit of the abscissa.
+        ylabel: Quantity and unit of the ordinate.
+        reference: A value to compare with.
+        reference_label: Where it is from.
+        log: Axes that are logarithmic, of "x" and "y".
+        band: Lowest and highest accepted value.
+    """
+
+    lines: Sequence[Line]
+    xlabel: str
+    ylabel: str
+    reference: float | None = None
+    reference_label: str = ""
+    log: str = ""
+    band: tuple[float, float] | None = None
+
+
+def panels(path: Path, shown: Sequence[Panel], *, title: str = "", caption: str = "") -> Path:
+    """Draw panels side by side under one heading.
+
+    Args:
+        path: The picture.
+        shown: The panels, one or more.
+        title: Heading.
+        caption: Line under the heading.
+
+    Returns:
+        The path.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(5.2 * len(shown), 4.4), dpi=160, facecolor="white")
+        every = figure.subplots(1, len(shown), squeeze=False)[0]
+        figure.subplots_adjust(left=0.5 / len(shown) ** 0.5 / 3.6, right=0.98, top=0.81, bottom=0.13, wspace=0.28)
+        for axes, panel in zip(every, shown, strict=True):
+            _draw(axes, panel)
+        figure.text(0.03, 0.93, title, fontsize=12.5, fontweight="bold", va="baseline")
+        figure.text(0.03, 0.87, caption, fontsize=9.5, color=MUTED, va="baseline")
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path)
+    return path
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    if panel.band is not None:
+        axes.axhspan(*panel.band, color="#e69f00", alpha=0.15, linewidth=0)
+    if panel.reference is not None:
+        label = panel.reference_label or None
+        axes.axhline(panel.reference, color=INK, linewidth=1.0, dashes=(5, 3), label=label)
+    for line in panel.lines:
+        colour = LINES[line.colour % len(LINES)]
+        axes.plot(
+            np.asarray(line.x, dtype=float),
+            np.asarray(line.y, dtype=float),
+            line.style,
+            color=colour,
+            linewidth=1.4,
+            markersize=4.5,
+            label=line.label or None,
+        )
+    for axis in panel.log:
+        getattr(axes, f"set_{axis}scale")("log")
+    axes.set_xlabel(panel.xlabel)
+    axes.set_ylabel(panel.ylabel, fontsize=9)
+    axes.grid(color=GRID, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    if any(line.label for line in panel.lines) or panel.reference_label:
+        axes.legend(frameon=False, fontsize=8)

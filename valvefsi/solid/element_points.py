@@ -1,0 +1,273 @@
+"""Quadrature points that follow the elements of a solid, and the L2 projections between them and the nodes."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from valvefsi import dolfinx_compat as compat
+
+# isort: split
+import basix
+import basix.ufl
+from dolfinx import la
+from petsc4py import PETSc
+
+from valvefsi.errors import CaseError, StabilityError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from valvefsi.solid.structure import Structure
+
+    Array = NDArray[np.float64]
+
+FINEST = 24
+"""Points along an edge of the finest rule."""
+
+TOLERANCE = 1e-14
+"""Relative residual of the projections."""
+
+
+class ElementPoints:
+    """Quadrature points of a solid, refined element by element, and the mass matrix of its nodes.
+
+    Args:
+        solid: The solid.
+        mass: "consistent" or "lumped"; lumped is faster and keeps the total force, the torque only to second order.
+
+    Raises:
+        CaseError: The mass is neither.
+
+    Note:
+        Collective.
+    """
+
+    def __init__(self, solid: Structure, mass: str = "consistent") -> None:
+        if mass not in ("consistent", "lumped"):
+            raise CaseError('expected "consistent" or "lumped"', key="mass", value=mass)
+        self.space, self.dim, self.comm = solid.space, solid.dim, solid.comm
+        domain = solid.mesh.mesh
+        cells = domain.topology.index_map(domain.topology.dim).size_local
+        self.nodes = np.ascontiguousarray(self.space.dofmap.list[:cells])
+        self.corners = domain.geometry.x[compat.geometry_nodes(domain)][..., : self.dim]
+        self.cell = domain.basix_cell()
+        self.degree = self.space.ufl_element().degree
+        self.geometry = domain.ufl_domain().ufl_coordinate_element()
+        self.smallest = 2 * self.degree  # points along an edge that integrate the mass matrix
+        index_map = self.space.dofmap.index_map
+        self.num_owned, self.num_local = index_map.size_local, index_map.size_local + index_map.num_ghosts
+        self._vector = la.vector(index_map, 3)
+        self._groups: list[_Group] = []
+        self._counts = np.zeros(cells, dtype=int)
+        self.edges = np.array(basix.topology(self.cell)[1])
+        self.vertices = basix.geometry(self.cell)
+        self.mass = _Mass(self) if mass == "consistent" else _LumpedMass(self)
+
+    def refined(self, chi: Array, gap: float) -> Rule:
+        """Return the points at chi, no two neighbours of one element further apart than ``gap`` [cm].
+
+        Args:
+            chi: Positions of the owned nodes, ``(n, 3)`` [cm].
+            gap: Largest gap [cm].
+
+        Raises:
+            StabilityError: An element is not finite, or larger than the finest rule can fill; on the ranks that
+                have such an element.
+
+        Note:
+            Collective.
+        """
+        positions = self.local(chi)
+        corners = positions[self.nodes[:, : len(self.vertices)]][..., : self.dim]
+        lengths = np.linalg.norm(corners[:, self.edges[:, 0]] - corners[:, self.edges[:, 1]], axis=2)
+        longest = lengths.max(axis=1, initial=0.0)
+        counts = np.searchsorted(-gaps(self.cell.name), -gap / np.maximum(longest, 1e-300)) + 1
+        counts = np.maximum(counts, self.smallest)
+        if not np.isfinite(longest).all() or counts.max(initial=0) > FINEST:
+            raise StabilityError(
+                f"an element {longest.max():.3g} cm long needs more than {FINEST} points along its edge for gaps of "
+                f"{gap:.3g} cm; the solid is torn apart or its mesh is far too coarse"
+            )
+        if not np.array_equal(counts, self._counts) or not self._groups:
+            self._groups = self.groups(counts)
+            self._counts = counts
+        return Rule(self, tuple(self._groups), positions)
+
+    def groups(self, counts: NDArray[np.intp]) -> list[_Group]:
+        """Return the elements by their number of points along an edge, with shape functions and weights."""
+        return [self._group(int(n), np.flatnonzero(counts == n)) for n in np.unique(counts)]
+
+    def _group(self, n: int, cells: NDArray[np.intp]) -> _Group:
+        X, w = rule(self.cell.name, n)
+        phi = self.space.element.basix_element.tabulate(0, X)[0, :, :, 0]
+        slopes = self.geometry.basix_element.tabulate(1, X)[1:, :, :, 0]
+        J = np.einsum("dqk,ckx->cqxd", slopes, self.corners[cells])
+        return _Group(self.nodes[cells], phi, np.abs(np.linalg.det(J)) * w)
+
+    def local(self, values: Array) -> Array:
+        """Return rows of owned and ghost nodes, ``(num_local, 3)``, from those of owned nodes (collective)."""
+        array = self._vector.array
+        array[: 3 * self.num_owned] = values.ravel()
+        if self.comm.size > 1:
+            self._vector.scatter_forward()
+        return array.reshape(-1, 3).copy()
+
+    def owned(self, values: Array) -> Array:
+        """Add the rows of ghost nodes to those of their owners, ``(num_local, 3)`` to ``(n, 3)`` (collective)."""
+        if self.comm.size == 1:
+            return values
+        array = self._vector.array
+        array[:] = values.ravel()
+        self._vector.scatter_reverse(la.InsertMode.add)
+        return array[: 3 * self.num_owned].reshape(-1, 3).copy()
+
+
+class _Group(NamedTuple):
+    """Elements with one rule."""
+
+    nodes: NDArray[np.int32]
+    """Local nodes, ``(num_cells, k)``."""
+    phi: Array
+    """Shape functions at the points, ``(num_points, k)``."""
+    weights: Array
+    """Quadrature weights of the reference position, ``(num_cells, num_points)`` [cm^dim]."""
+
+
+class Rule:
+    """The quadrature points of a solid at one position of its nodes; made by `ElementPoints.refined`.
+
+    Attributes:
+        x: Positions of the points, ``(num_points, 3)`` [cm].
+    """
+
+    def __init__(self, points: ElementPoints, groups: tuple[_Group, ...], positions: Array) -> None:
+        self.points, self.groups = points, groups
+        self.x = self._at_points(positions, weighted=False)
+
+    def _at_points(self, values: Array, *, weighted: bool) -> Array:
+        """Return sum_k phi_k values_k at the points, times w_q where weighted."""
+        parts = [np.zeros((0, 3))]
+        for group in self.groups:
+            part = group.phi @ values[group.nodes]
+            if weighted:
+                part *= group.weights[..., None]
+            parts.append(part.reshape(-1, 3))
+        return np.concatenate(parts)
+
+    def lift(self, F: Array) -> Array:
+        """Return the forces of the points that stand for nodal forces, w_q sum_k phi_k G_k with M G = F.
+
+        Args:
+            F: Force of the owned nodes, ``(n, 3)`` [dyn].
+
+        Note:
+            Collective.
+        """
+        return self._at_points(self.points.local(self.points.mass.solve(F)), weighted=True)
+
+    def project(self, U: Array) -> Array:
+        """Return the nodal velocity nearest to the one at the points, M U_k = sum_q w_q phi_k U_q.
+
+        Args:
+            U: Velocity of the points, ``(num_points, 3)`` [cm/s].
+
+        Note:
+            Collective.
+        """
+        sums, start = np.zeros((self.points.num_local, 3)), 0
+        for group in self.groups:
+            stop = start + group.weights.size
+            part = U[start:stop].reshape(*group.weights.shape, 3) * group.weights[..., None]
+            shares = group.phi.T @ part
+            for d in range(self.points.dim):
+                sums[:, d] += np.bincount(
+                    group.nodes.ravel(), shares[..., d].ravel(), minlength=self.points.num_local
+                )
+            start = stop
+        return self.points.mass.solve(self.points.owned(sums))
+
+
+class _LumpedMass:
+    """The row sums of the mass matrix."""
+
+    def __init__(self, points: ElementPoints) -> None:
+        sums = np.zeros((points.num_local, 3))
+        counts = np.full(len(points.nodes), points.smallest)
+        for group in points.groups(counts):
+            np.add.at(sums[:, 0], group.nodes, group.weights @ group.phi)
+        self.diagonal = points.owned(sums)[:, :1].copy()
+        lowest = points.comm.allreduce(-self.diagonal.min(initial=np.inf), op=_max())
+        if not lowest < 0.0:
+            message = "these elements have nodes without a positive share of the mass; take the consistent one"
+            raise CaseError(message, key="mass", value="lumped")
+
+    def solve(self, b: Array) -> Array:
+        """Return b / m, ``(n, 3)``."""
+        return b / self.diagonal
+
+
+class _Mass:
+    """The consistent mass matrix, int phi_j phi_k dX, solved by conjugate gradients and Jacobi; set up once."""
+
+    def __init__(self, points: ElementPoints) -> None:
+        index_map, comm = points.space.dofmap.index_map, points.comm
+        numbers = index_map.local_to_global(np.arange(points.num_local, dtype=np.int32)).astype(PETSc.IntType)
+        nodes = numbers[points.nodes]
+        counts = np.full(len(nodes), points.smallest)
+        values = [np.einsum("cq,qj,qk->cjk", g.weights, g.phi, g.phi) for g in points.groups(counts)]
+        k = nodes.shape[1]
+        rows = np.broadcast_to(nodes[:, :, None], (len(nodes), k, k))
+        columns = np.broadcast_to(nodes[:, None, :], (len(nodes), k, k))
+        sizes = (index_map.size_local, index_map.size_global)
+        self.matrix = PETSc.Mat().create(comm)
+        self.matrix.setSizes((sizes, sizes))
+        self.matrix.setType("aij")
+        self.matrix.setPreallocationCOO(rows.ravel(), columns.ravel())
+        self.matrix.setValuesCOO(np.concatenate([np.zeros(0), *(v.ravel() for v in values)]))
+        self.b, self.x = self.matrix.createVecs()
+        self.dim = points.dim
+        self.solver = PETSc.KSP().create(comm)
+        self.solver.setOperators(self.matrix)
+        self.solver.setType("cg")
+        self.solver.getPC().setType("jacobi")
+        self.solver.setTolerances(rtol=TOLERANCE, atol=1e-300, max_it=500)
+        self.solver.setErrorIfNotConverged(True)
+
+    def solve(self, b: Array) -> Array:
+        """Return M^-1 b column by column, ``(n, 3)`` (collective)."""
+        out = np.zeros_like(b)
+        for d in range(self.dim):
+            self.b.array[:] = b[:, d]
+            self.solver.solve(self.b, self.x)
+            out[:, d] = self.x.array
+        return out
+
+
+@functools.cache
+def rule(cell: str, n: int) -> tuple[Array, Array]:
+    """Return points ``(num_points, tdim)`` and weights of the rule with n points along an edge (Gauss-Jacobi)."""
+    kind = getattr(basix.CellType, cell)
+    points, weights = basix.make_quadrature(kind, 2 * n - 1, rule=basix.QuadratureType.gauss_jacobi)
+    return points, weights
+
+
+@functools.cache
+def gaps(cell: str) -> Array:
+    """Return the largest distance of a point from its nearest neighbour, for 1 ... FINEST + 1 points along an edge.
+
+    In edge lengths of the reference cell; the last one stands for what no rule reaches.
+    """
+    found = [1.0]
+    for n in range(2, FINEST + 1):
+        x, _ = np.polynomial.legendre.leggauss(n)
+        found.append(0.5 * float(np.diff(x).max()))
+    return np.array(found)
+
+
+def _max() -> object:
+    from mpi4py import MPI
+
+    return MPI.MAX
