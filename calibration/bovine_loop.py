@@ -3,6 +3,9 @@
 What it shows: S9-S10 fitted to q_ao and p_ao, S6-S8 fitted to p_lv from q_pump, q_lv and p_la, and which of the five
 upstream parameters the record fixes. The record is of our own making, so that the answers can be compared with the
 truth. Run it with ``python calibration/bovine_loop.py`` (20 s); ``--remake`` makes the record again.
+
+The noise of this seed moves R_c by three standard deviations (without noise the fit gives 0.05760): one interval in
+twenty misses, and here it is this one. It is left as it is.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from copy import deepcopy
 
@@ -12,6 +13,7 @@ from valvefsi.case import case_schema, load_case
 from valvefsi.case.reading import parse_case
 from valvefsi.case.writing import to_toml
 from valvefsi.errors import CaseError
+from valvefsi.solid.materials import MATERIALS
 
 FAMILY = {"k1": "24 kPa", "k2": 57.6, "kappa": 0.1, "fibre": "around"}
 HGO = {"model": "hgo", "c10": "1.21 kPa", "c01": 7.99, "families": [FAMILY]}
@@ -216,3 +218,11 @@ def test_the_schema_knows_families_and_presets():
     assert family["required"] == ["k1", "k2", "fibre"]
     assert "porcine_leaflet_hgo" in entries["hgo"]["properties"]["preset"]["enum"]
     assert "unverified" in entries["hgo"]["properties"]["preset"]["description"]
+
+
+def test_the_schema_takes_a_material_of_ones_own_by_its_import_path():
+    own = case_schema()["$defs"]["Material"]["oneOf"][-1]
+    pattern = own["properties"]["model"]["pattern"]
+    assert own["required"] == ["model"]
+    assert re.search(pattern, "my_materials.Gent")
+    assert not any(re.search(pattern, model) for model in MATERIALS)

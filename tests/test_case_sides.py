@@ -38,16 +38,18 @@ INLET = 'velocity_expression = ["6 * y * (1 - y) * rate", "0"]\ntable = "rate.cs
 
 
 @pytest.fixture
-def case(tmp_path):
+def case(shared_tmp):
     """Return a function that writes a channel and reads it back."""
-    (tmp_path / "rate.csv").write_text("# flow\nt_s,rate\n0,0\n1,2\n2,2\n")
+    if MPI.COMM_WORLD.rank == 0:
+        (shared_tmp / "rate.csv").write_text("# flow\nt_s,rate\n0,0\n1,2\n2,2\n")
 
     def write(inlet=INLET, dt="0.01 s", t_end="0.05 s", overrides=(), **more):
         text = CHANNEL.format(inlet=inlet, dt=dt, t_end=t_end)
         for old, new in more.get("replace", {}).items():
             assert old in text
             text = text.replace(old, new)
-        path = tmp_path / "case.toml"
+        path = shared_tmp / "case.toml"
+        MPI.COMM_WORLD.barrier()  # nobody reads the one before
         if MPI.COMM_WORLD.rank == 0:
             path.write_text(text)
         MPI.COMM_WORLD.barrier()
@@ -65,10 +67,10 @@ def test_a_velocity_is_an_expression_of_place_and_of_a_table_over_time(case):
 
 
 @pytest.mark.serial
-def test_what_flows_in_flows_out_of_a_channel_from_a_case_file(case, tmp_path):
+def test_what_flows_in_flows_out_of_a_channel_from_a_case_file(case, shared_tmp):
     loaded = case(t_end="1 s", overrides=["time.control=adaptive"])
-    run_case(loaded, out=tmp_path / "out")
-    simulation = build(loaded, tmp_path / "out")
+    run_case(loaded, out=shared_tmp / "out")
+    simulation = build(loaded, shared_tmp / "out")
     state = simulation._first_state(resume=True)
     fluid = simulation.model.fluid
     assert fluid.boundary.outflow(state.u, "x_upper") == pytest.approx(2.0, rel=0.02)
@@ -152,9 +154,9 @@ def test_a_side_that_cannot_be_is_told_in_one_line(inlet, case):
     ],
 )
 @pytest.mark.serial
-def test_a_table_that_is_wrong_is_refused(text, message, case, tmp_path):
+def test_a_table_that_is_wrong_is_refused(text, message, case, shared_tmp):
     loaded = case()
-    (tmp_path / "rate.csv").write_text(text)
+    (shared_tmp / "rate.csv").write_text(text)
     with pytest.raises(CaseError, match=message):
         build(loaded, Path())
 

@@ -209,7 +209,7 @@ def _draw(study: Study, records: Sequence[Mapping], known: float, path: Path) ->
             for r in records
         ]
 
-    name, label, unit = study.main
+    _, label, unit = study.main
     shown = [
         Panel(
             lines=lines(study.column),

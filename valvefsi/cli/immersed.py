@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import HELP
+from valvefsi.cli.options import HELP, Out, Set
 from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
 from valvefsi.errors import CaseError
@@ -103,3 +103,97 @@ def torsion(options: Options) -> None:
 def cook(options: Options) -> None:
     """Cook's membrane, immersed, against the incompressible statics of the same run."""
     _study("cook", options, 25, (1.0, 2.0, 4.0, 8.0))
+
+
+Kernels = Annotated[str, typer.Option("--kernels", metavar="K,K|all", help="Kernels, or all.")]
+Refine = Annotated[int, typer.Option("--refine", min=0, max=4, help="Number of finer grids.")]
+Grid = Annotated[int, typer.Option("--grid", min=8, help="Cells along each edge of the box.")]
+Elements = Annotated[
+    int | None, typer.Option("--elements", min=1, help="Elements along the edge of each block of the body.")
+]
+Steps = Annotated[int | None, typer.Option("--steps", min=3, help="Number of steps.")]
+CouplingName = Annotated[str, typer.Option("--coupling", help="nodal, elemental or lumped.")]
+
+
+def _chosen(text: str) -> tuple[str, ...]:
+    """Return the kernels asked for."""
+    from valvefsi.coupling.kernels import KERNELS
+
+    names = tuple(KERNELS) if text == "all" else tuple(part.strip() for part in text.split(","))
+    for name in names:
+        if name not in KERNELS:
+            raise CaseError(f"a kernel is one of {', '.join(KERNELS)}", key="--kernels", value=name)
+    return names
+
+
+@immersed.command("shell")
+def shell(
+    grid: Grid = 32,
+    refine: Refine = 2,
+    kernels: Kernels = "bspline3",
+    couplings: Annotated[str, typer.Option("--couplings", help="nodal, elemental, lumped; several.")] = "nodal",
+    overrides: Set = None,
+    out: Out = None,
+) -> None:
+    """A thick shell and a closed membrane at rest: pressure and spurious velocity against closed forms."""
+    from mpi4py import MPI
+
+    from valvefsi.benchmarks import shell as benchmark
+
+    comm, folder = MPI.COMM_WORLD, out or Path("results") / "shell"
+    setup = benchmark.Setup(
+        grid=grid,
+        refine=refine,
+        kernels=_chosen(kernels),
+        couplings=tuple(part.strip() for part in couplings.split(",")),
+        overrides=overrides or (),
+    )
+    show_result(benchmark.run(setup, out=folder, comm=comm), comm, folder)
+
+
+@immersed.command("sphere-in-cavity")
+def sphere_in_cavity(
+    grid: Grid = 64,
+    elements: Elements = 16,
+    steps: Steps = 60,
+    kernel: Annotated[str, typer.Option(help="Kernel of the coupling.")] = "ib4",
+    coupling: CouplingName = "nodal",
+    overrides: Set = None,
+    out: Out = None,
+) -> None:
+    """A soft sphere in a lid-driven cavity: volume kept, and the speed of a coupled step."""
+    _cavity(3, {"elements": elements, "steps": steps}, (grid, kernel, coupling), overrides, out)
+
+
+@immersed.command("disk-in-cavity")
+def disk_in_cavity(
+    grid: Grid = 32,
+    refine: Refine = 2,
+    t_end: Annotated[float, typer.Option("--t-end", min=0.01, help="End of the run [s].")] = 10.0,
+    kernel: Annotated[str, typer.Option(help="Kernel of the coupling.")] = "ib4",
+    coupling: CouplingName = "nodal",
+    overrides: Set = None,
+    out: Out = None,
+) -> None:
+    """A soft disk in a lid-driven cavity: path and area over time, on several grids."""
+    _cavity(2, {"steps": None, "t_end": t_end, "refine": refine}, (grid, kernel, coupling), overrides, out)
+
+
+def _cavity(
+    dim: int,
+    more: dict[str, object],
+    chosen: tuple[int, str, str],
+    overrides: list[str] | None,
+    out: Path | None,
+) -> None:
+    from mpi4py import MPI
+
+    from valvefsi.benchmarks import cavity_solids as benchmark
+    from valvefsi.benchmarks.immersed import Numerics
+
+    grid, kernel, coupling = chosen
+    comm = MPI.COMM_WORLD
+    numerics = Numerics(grid=grid, kernel=_chosen(kernel)[0], coupling=coupling, nu_stab=None)
+    setup = benchmark.Setup(numerics=numerics, dim=dim, overrides=overrides or (), **more)
+    folder = out or Path("results") / setup.name
+    show_result(benchmark.run(setup, out=folder, comm=comm, progress=shown(comm)), comm, folder)

@@ -12,7 +12,10 @@ from valvefsi.cli.options import Out
 
 def plot(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder of results, or one .vtu or .pvd file; with --fibres a case file.")
+        Path,
+        typer.Argument(
+            metavar="DIR", help="Folder of results, or one .vtu or .pvd file; with --fibres a case file."
+        ),
     ],
     field: Annotated[
         str | None, typer.Option("--field", help="What is shown, such as J or 'von Mises stress'.")

@@ -19,8 +19,8 @@ Array = np.ndarray
 BLOCK = 2048
 """Entries in a block of upwind fluxes: its scratch and what it reads of q fit the second cache."""
 SHORT = 512
-"""Longest stride over which the fluxes of a block are computed anew at its upper end, not kept for the next block."""
-ROW = BLOCK + SHORT
+"""Longest stride of axis 0 for which the fluxes at the upper end of a block are computed anew for the next block."""
+ROW = 2 * BLOCK
 """Entries in a row of scratch. A constant, for the compiler then knows that rows do not overlap."""
 
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
@@ -116,7 +116,7 @@ def edge(a: float, b: float, c: float, d: float, e: float, f: float, g: float) -
 
 @kernel
 def upwind_values(w: Array, q: Array, first: int, s: int, n: int) -> None:
-    """Seventh-order edge values from the side the flow comes from, w[c], and margins w[c + ROW], negative where limited.
+    """Seventh-order edge values w[c] from the side v comes from, and margins w[c + ROW], negative where to be limited.
 
     Faces lie between entries c - s and c, w[c + 2 ROW] holds the speeds. Branches are selections and w is one array,
     so that the compiler makes vectors of the loop: it gives up where more than eight pairs of arrays could overlap.
@@ -214,9 +214,15 @@ def xsppm7(out: Array, q: Array, u: tuple, d: int, inv_h: tuple, strides: tuple,
                 o[:] = 0.0
             for e in range(int(stacked), len(strides)):
                 s = strides[e]
-                fluxes(w, at, q, u[e], (start, n + s, s, sd))
-                for c in range(n):
-                    o[c] += inv_h[e] * (w[c + s] - w[c])
+                if s <= BLOCK:
+                    fluxes(w, at, q, u[e], (start, n + s, s, sd))
+                    for c in range(n):
+                        o[c] += inv_h[e] * (w[c + s] - w[c])
+                else:
+                    for at_end, sign in ((s, 1.0), (0, -1.0)):
+                        fluxes(w, at, q, u[e], (start + at_end, n, s, sd))
+                        for c in range(n):
+                            o[c] += sign * inv_h[e] * w[c]
 
 
 SCHEMES = {"centred": centred, "xsppm7": xsppm7}

@@ -1,8 +1,9 @@
 """A fluid step without splitting error: velocity and pressure solved for together, with the projection inside FGMRES.
 
 One projection leaves a velocity along walls that is off by dt/rho grad phi, and a layer in the pressure there. Here the
-Crank-Nicolson momentum equation and the divergence hold together, at the price of about ten projections per step. The
-operator is never assembled; the projection step is its preconditioner (Griffith 2009).
+Crank-Nicolson momentum equation and the divergence hold together, at the price of about ten iterations per step, each
+a little dearer than a projection. The operator is never assembled; the projection step is its preconditioner (Griffith
+2009).
 """
 
 from __future__ import annotations

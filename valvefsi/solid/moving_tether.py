@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from valvefsi.solid.loads import Ramp, Tether
@@ -25,4 +25,4 @@ class MovingTether(Tether):
     """
 
     motion: Callable[[Array, float], Array]
-    ramp: Ramp = Ramp()
+    ramp: Ramp = field(default_factory=Ramp)
