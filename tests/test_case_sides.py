@@ -13,6 +13,7 @@ from valvefsi.case.build import build, run_case
 from valvefsi.case.expressions import Expression
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import FreeSlip, Mixed, Open, Wall
+from valvefsi.fluid.krylov import CoupledNavierStokes
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 
 CHANNEL = """
@@ -95,6 +96,7 @@ def test_the_viscous_scheme_follows_the_step(case):
     for dt, kind in ((0.49 * limit, ExplicitViscosity), (0.6 * limit, NavierStokes)):
         fluid = build(case(dt=f"{dt!r} s"), Path()).model.fluid
         assert type(fluid) is kind
+    assert type(build(case(overrides=["fluid.viscous=coupled"]), Path()).model.fluid) is CoupledNavierStokes
     with pytest.raises(CaseError, match=r"fluid.viscous = 'explicit': explicit viscosity is stable up to"):
         build(case(dt=f"{2 * limit!r} s", overrides=["fluid.viscous=explicit"]), Path())
 

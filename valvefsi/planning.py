@@ -21,6 +21,7 @@ import numpy as np
 
 from valvefsi import fsi
 from valvefsi.coupling import kernels
+from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.fsi import Model
 from valvefsi.simulation import Simulation
 
@@ -138,7 +139,11 @@ def step_limits(model: Model) -> dict[str, float]:
 def _limits(simulation: Simulation) -> list[Entry]:
     model, schedule = simulation.model, simulation.schedule
     h = float(min(model.grid.spacing[: model.grid.dim]))
-    nu = model.fluid.mu / model.fluid.rho
+    limit = ExplicitViscosity.limit(model.grid, rho=model.fluid.rho, mu=model.fluid.mu)
+    if isinstance(model.fluid, ExplicitViscosity):
+        viscous = f"viscosity is explicit, dt / limit = {schedule.dt / limit:.2f}"
+    else:
+        viscous = "does not bind, viscosity is implicit"
     entries = [
         Entry(quantity="time step", value=schedule.dt, unit="s"),
         Entry(
@@ -149,9 +154,9 @@ def _limits(simulation: Simulation) -> list[Entry]:
         ),
         Entry(
             quantity="viscous limit",
-            value=h * h / (2.0 * model.grid.dim * nu) if nu else math.inf,
+            value=limit,
             unit="s",
-            note="does not bind, viscosity is implicit",
+            note=viscous,
         ),
     ]
     for cause, limit in step_limits(model).items():

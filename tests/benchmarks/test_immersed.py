@@ -45,6 +45,7 @@ def test_shell_and_membrane_come_to_their_pressures_with_the_grid(shared_tmp):
     assert (shared_tmp / "shell.png").is_file()
 
 
+@pytest.mark.serial
 def test_cooks_membrane_is_near_its_statics_and_kept_runs_are_not_run_again(shared_tmp, comm, monkeypatch):
     monkeypatch.setattr(cook, "FINE", 8)
     numerics = Numerics(grid=20)
@@ -125,9 +126,7 @@ def test_soft_matter_has_the_stress_it_states(comm):
 
 
 def test_rings_and_balls_close_upon_themselves(comm):
-    body = Structure(
-        ring(comm, centre=(0.5, 0.5), radii=(0.25, 0.3), elements=(60, 3)), NeoHookean(c1=1.0)
-    )
+    body = Structure(ring(comm, centre=(0.5, 0.5), radii=(0.25, 0.3), elements=(60, 3)), NeoHookean(c1=1.0))
     assert body.num_nodes == 60 * 4
     assert body.reference_volume == pytest.approx(math.pi * (0.09 - 0.0625), rel=3e-3)
     sphere = Structure(ball(comm, centre=(0.6, 0.5, 0.5), radius=0.2, elements=4), NeoHookean(c1=1.0))

@@ -127,7 +127,9 @@ def test_no_point_is_further_than_the_gap_from_its_nearest_neighbour(kind, gap):
         x = rule.x[start : start + count * n].reshape(count, n, 3)
         start += count * n
         for cell in x[:3]:
-            assert cKDTree(cell[:, : solid.dim]).query(cell[:, : solid.dim], 2)[0][:, 1].max() <= gap * (1 + 1e-12)
+            assert cKDTree(cell[:, : solid.dim]).query(cell[:, : solid.dim], 2)[0][:, 1].max() <= gap * (
+                1 + 1e-12
+            )
 
 
 def test_elements_that_stretch_get_more_points_and_others_do_not():

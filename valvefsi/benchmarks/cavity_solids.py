@@ -1,7 +1,7 @@
 """Soft bodies in a lid-driven cavity: a sphere in three dimensions, a disk in two; volume kept, path, speed.
 
-A ball of radius 0.2 cm at (0.6, 0.5[, 0.5]) in a unit box whose lid moves with 1 cm/s: rho = 1, mu = 0.01, Re = 100. Its
-stress is P = 2 c1 F - 2 p0 F^-T. The time of a step is given in pairs of cosine transforms of the same grid, timed
+A ball of radius 0.2 cm at (0.6, 0.5[, 0.5]) in a unit box whose lid moves with 1 cm/s: rho = 1, mu = 0.01, Re = 100.
+Its stress is P = 2 c1 F - 2 p0 F^-T. The time of a step is given in pairs of cosine transforms of the same grid, timed
 in the same run (see `speed`).
 """
 
@@ -226,7 +226,9 @@ def _table(setup: Setup, runs: Sequence[Mapping], ranks: int) -> list[dict[str, 
         name = f"N = {r['cells']}, {r['nodes']} nodes, {r['steps']} steps"
         what = "volume" if setup.dim == 3 else "area"
         lines.append(row(f"relative {what} change, {name}", r["volume_change"], 0.0, known, relative=False))
-        known = f"IBAMR 0.19, one rank: {ELSEWHERE['pairs']:.0f}; wanted <= {PAIR_LIMIT:g}" if published else ""
+        known = (
+            f"IBAMR 0.19, one rank: {ELSEWHERE['pairs']:.0f}; wanted <= {PAIR_LIMIT:g}" if published else ""
+        )
         lines.append(row(f"  time of a step, {ranks} rank(s)", r["pairs"], source=known, unit="pairs"))
         parts = ", ".join(f"{k} {v:.1f}" for k, v in r["phases_pairs"].items())
         lines.append(row("  step", 1e3 * r["step_s"], source=parts, unit="ms"))

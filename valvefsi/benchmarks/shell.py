@@ -1,8 +1,8 @@
 """A thick circular shell at rest, and a closed membrane: pressure and spurious velocity against closed forms.
 
 The shell, inner radius R and thickness w, carries a constant tension mu_s along circles (P_ff = mu_s), the membrane a
-constant tension of 1 on the radius R. In a box of 1 x 1 cm with walls at rest both are in equilibrium; whatever moves is
-an error. With r from the centre and the mean of p zero,
+constant tension of 1 on the radius R. In a box of 1 x 1 cm with walls at rest both are in equilibrium; what moves is an
+error. With r from the centre and the mean of p zero,
 
     shell:     p = ln(1 + w/R) - C inside, ln((R + w)/r) - C in the wall, -C outside, C = pi mu_s ((R + w)^2 - R^2)/2
     membrane:  the pressure jumps by tension / R = 4.
@@ -257,11 +257,17 @@ def _draw(series: Mapping[str, Sequence[Mapping]], grids: Sequence[int], path: P
 
     shown = [
         Panel(
-            lines=lines("shell", "p_L2"), xlabel="cells N", ylabel="shell: L2 error of p [dyn/cm$^2$]", log="xy"
+            lines=lines("shell", "p_L2"),
+            xlabel="cells N",
+            ylabel="shell: L2 error of p [dyn/cm$^2$]",
+            log="xy",
         ),
         Panel(lines=lines("shell", "u_max"), xlabel="cells N", ylabel="shell: largest |u| [cm/s]", log="xy"),
         Panel(
-            lines=lines("membrane", "u_max"), xlabel="cells N", ylabel="membrane: largest |u| [cm/s]", log="xy"
+            lines=lines("membrane", "u_max"),
+            xlabel="cells N",
+            ylabel="membrane: largest |u| [cm/s]",
+            log="xy",
         ),
     ]
     panels(path, shown, title="Shell and membrane at rest", caption="exact: closed-form pressure, no flow")

@@ -68,9 +68,7 @@ def simulation(numerics: Numerics, values: Mapping[str, float], folder: Path, co
         damping=values["damping"],
         tethers=[
             Tether(on=("y_lower",), stiffness=stiffness),
-            MovingTether(
-                on=("y_upper",), components=("x", "z"), stiffness=stiffness, motion=turn, ramp=ramp
-            ),
+            MovingTether(on=("y_upper",), components=("x", "z"), stiffness=stiffness, motion=turn, ramp=ramp),
         ],
     )
     lower = (0.5 - WIDTH / 2, 3.0 - HEIGHT / 2, 0.5 - WIDTH / 2)
@@ -116,7 +114,9 @@ def reference(values: Mapping[str, float], numerics: Numerics, comm: MPI.Comm) -
     ]
     material = MooneyRivlin(c1=values["c1"], c2=values["c2"])
     solution = statics.solve(mesh, material, fixed=fixed)
-    return float(solution.displacement_at(TOP)[1]), f"mixed Q2-Q1, {STATIC} x {6 * STATIC} x {STATIC}, this run"
+    return float(
+        solution.displacement_at(TOP)[1]
+    ), f"mixed Q2-Q1, {STATIC} x {6 * STATIC} x {STATIC}, this run"
 
 
 STUDY = Study(

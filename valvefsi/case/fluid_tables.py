@@ -246,9 +246,10 @@ class Fluid(Table):
         "centred",
         description='Advection scheme, "centred" or "xsppm7" (upwind, for thin layers; keep |u| dt/h below 0.3)',
     )
-    viscous: Literal["auto", "implicit", "explicit"] = Field(
+    viscous: Literal["auto", "implicit", "explicit", "coupled"] = Field(
         "auto",
         description='Viscous term: "implicit" (Crank-Nicolson), "explicit" (three solves fewer, with a limit of the '
-        'step) or "auto" (explicit where the step is at most half of that limit)',
+        'step), "auto" (explicit where the step is at most half of that limit, else implicit) or "coupled" (implicit, '
+        "with velocity and pressure solved for together by FGMRES: ten times the time, no splitting error)",
     )
     sides: Sides = Field(Sides(), description="Sides of the box")

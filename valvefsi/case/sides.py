@@ -51,6 +51,10 @@ def build_fluid(case: Case, grid: MacGrid) -> NavierStokes:
             key="fluid.viscous",
             value=fluid.viscous,
         )
+    if fluid.viscous == "coupled":
+        from valvefsi.fluid.krylov import CoupledNavierStokes  # PETSc is needed for this one only
+
+        return CoupledNavierStokes(grid, sides, **physics)
     explicit = fluid.viscous == "explicit" or (fluid.viscous == "auto" and case.dt <= EXPLICIT_SHARE * limit)
     return (ExplicitViscosity if explicit else NavierStokes)(grid, sides, **physics)
 

@@ -31,9 +31,9 @@ class Options:
     kernel: Annotated[str, typer.Option(help="Kernel of the coupling.")] = "bspline3"
     coupling: Annotated[str, typer.Option(help="nodal, elemental or lumped.")] = "nodal"
     ratio: Annotated[float, typer.Option(min=0.1, max=4.0, help="Element size over grid spacing.")] = 1.0
-    nu_stab: Annotated[float, typer.Option("--nu-stab", help="Numerical Poisson ratio of stabilised runs.")] = (
-        0.4
-    )
+    nu_stab: Annotated[
+        float, typer.Option("--nu-stab", help="Numerical Poisson ratio of stabilised runs.")
+    ] = 0.4
     stabilised: Annotated[str, typer.Option(help="on, off or both.")] = "both"
     refine: Annotated[int, typer.Option(min=0, help="Number of finer grids; gives the observed order.")] = 0
     overrides: Annotated[
@@ -131,7 +131,9 @@ def shell(
     grid: Grid = 32,
     refine: Refine = 2,
     kernels: Kernels = "bspline3",
-    couplings: Annotated[str, typer.Option("--couplings", help="nodal, elemental, lumped; several.")] = "nodal",
+    couplings: Annotated[
+        str, typer.Option("--couplings", help="nodal, elemental, lumped; several.")
+    ] = "nodal",
     overrides: Set = None,
     out: Out = None,
 ) -> None:

@@ -1,8 +1,8 @@
 """Running averages in time: mean velocity and pressure (S26) and turbulence kinetic energy (S27).
 
-The mean and the sum of squares about it are updated sample by sample (West 1979), each with the length of time it stands
-for, so that no history is kept and no digits are lost. Everything a restart needs is in `Averages.fields` and
-`Averages.meta`.
+The mean and the sum of squares about it are updated sample by sample (West 1979), each with the length of
+time it stands for, so that no history is kept and no digits are lost. Everything a restart needs is in
+`Averages.fields` and `Averages.meta`.
 """
 
 from __future__ import annotations

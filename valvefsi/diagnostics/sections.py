@@ -89,7 +89,7 @@ def _covered(x: Array, y: Array, r: float) -> Array:
 
 
 def flow(grid: MacGrid, u: Faces, section: Section) -> float:
-    """Flow through a section along its axis, integral of u_n dA [cm^3/s] (in two dimensions per cm depth). Collective."""
+    """Flow through a section along its axis, integral of u_n dA [cm^3/s]. Collective."""
     own = grid.owned_faces(section.axis)
     return _total(grid, u[section.axis][own], section, on_faces=True)
 

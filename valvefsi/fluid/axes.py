@@ -8,14 +8,17 @@ On cells or on faces, with the value (D) or a zero derivative (N) given at eithe
 w are the widths of the cells and g the distances of their centres; beyond an end values are reflected about it.
 Faces on an end with a given value are no unknowns, those on an end with zero derivative are. With M the diagonal
 matrix of control volumes (half of one at such an end), M^(1/2) D M^(-1/2) is symmetric and has an orthonormal basis Q
-of eigenvectors: a discrete cosine, sine or Hartley transform on a uniform axis. The transform along the axis is
-Q^T M^(1/2), the one back M^(-1/2) Q.
+of eigenvectors: a discrete cosine, sine or Fourier transform on a uniform axis. The transform along the axis is
+Q^T M^(1/2), the one back M^(-1/2) Q, up to a factor per mode that cancels. The Fourier transform packs cosines and
+sines into one real array: at 128 points a third or less of the time of a matrix product, a fifth or less of that of
+a Hartley transform made from a complex one.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.fft
+import scipy.fftpack
 
 Array = np.ndarray
 
@@ -37,9 +40,9 @@ FAST = {
 }
 """Transform of each kind on a uniform axis."""
 
-MATRIX_LIMIT = {kind: 160 if kind == "periodic" else 96 if kind == "faces DD" else 64 for kind in KINDS}
+MATRIX_LIMIT = {kind: 32 if kind == "periodic" else 96 if kind == "faces DD" else 64 for kind in KINDS}
 """Longest uniform axis that is transformed by a matrix product: where it stops to be the faster one on one core (cubes
-of 48 to 128 cells, median over the three axes; the Hartley transform pays for its copies)."""
+of 48 to 128 cells, median over the three axes)."""
 
 
 class Axis:
@@ -124,13 +127,16 @@ class Axis:
 
     def _uniform_eigenvalues(self, h: float) -> Array:
         first = {"NN": 0.0, "DD": 1.0}.get(self.kind[-2:], 0.5)
-        mode = np.arange(self.size) + (0.0 if self.kind == "periodic" else first)
-        angle = np.pi * mode / len(self.widths) * (1.0 if self.kind == "periodic" else 0.5)
+        number = np.arange(self.size)
+        if self.kind == "periodic":  # wave numbers 0, 1, 1, 2, 2, ...
+            angle = np.pi * ((number + 1) // 2) / len(self.widths)
+        else:
+            angle = np.pi * (number + first) / len(self.widths) * 0.5
         return -4.0 / h**2 * np.sin(angle) ** 2
 
     def _fast(self, x: Array, axis: int, *, inverse: bool) -> Array:
         if self.kind == "periodic":
-            return hartley(x, axis)
+            return fourier(x, axis, inverse=inverse)
         name, type_ = FAST[self.kind]
         if self.kind.startswith("faces") and not inverse:
             self._scale_ends(x, axis, np.sqrt(0.5))
@@ -183,12 +189,10 @@ class Axis:
         return self._fast(np.eye(self.size), 0, inverse=inverse)
 
 
-def hartley(x: Array, axis: int) -> Array:
-    """Orthonormal discrete Hartley transform, its own inverse: eigenvectors of every symmetric circulant matrix."""
-    n = x.shape[axis]
-    spectrum = np.moveaxis(scipy.fft.rfft(x, axis=axis, norm="ortho"), axis, 0)
-    half, upper = spectrum.shape[0], (n + 1) // 2
-    out = np.empty((n, *spectrum.shape[1:]))
-    out[:half] = spectrum.real - spectrum.imag
-    out[half:] = (spectrum.real + spectrum.imag)[1:upper][::-1]
-    return np.ascontiguousarray(np.moveaxis(out, 0, axis))
+def fourier(x: Array, axis: int, *, inverse: bool) -> Array:
+    """Real Fourier transform in packed order: the mean, then the cosine and the sine of every wave number.
+
+    They are eigenvectors of every symmetric circulant matrix. The transform is not normalised, only the one back is.
+    """
+    transform = scipy.fftpack.irfft if inverse else scipy.fftpack.rfft
+    return transform(x, axis=axis, overwrite_x=True)

@@ -12,6 +12,9 @@ import numba
 import numpy as np
 
 Array = np.ndarray
+BLOCK = 4096
+"""Entries that are worked on in several passes before the next ones: what is written stays in the first cache."""
+
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
@@ -24,16 +27,18 @@ def momentum(out: Array, q: Array, p: Array, terms: tuple, weights: tuple, bound
     N, N_old, f = terms
     a, b, inv_h, nu = weights  # nu[e] = mu / h_e^2
     first, last, sd, strides = bounds
-    n = last - first
-    o, f_, N_, M_ = out[first:last], f[first:last], N[first:last], N_old[first:last]
-    p0, pm, q0 = p[first:last], p[first - sd : last - sd], q[first:last]
-    for c in range(n):
-        o[c] = f_[c] - (p0[c] - pm[c]) * inv_h - a * N_[c] - b * M_[c]
-    for e in range(len(strides)):
-        qp, qm = q[first + strides[e] : last + strides[e]], q[first - strides[e] : last - strides[e]]
-        k = nu[e]
+    for start in range(first, last, BLOCK):
+        stop = min(start + BLOCK, last)
+        n = stop - start
+        o, f_, N_, M_ = out[start:stop], f[start:stop], N[start:stop], N_old[start:stop]
+        p0, pm, q0 = p[start:stop], p[start - sd : stop - sd], q[start:stop]
         for c in range(n):
-            o[c] += k * ((qp[c] - q0[c]) - (q0[c] - qm[c]))
+            o[c] = f_[c] - (p0[c] - pm[c]) * inv_h - a * N_[c] - b * M_[c]
+        for e in range(len(strides)):
+            qp, qm = q[start + strides[e] : stop + strides[e]], q[start - strides[e] : stop - strides[e]]
+            k = nu[e]
+            for c in range(n):
+                o[c] += k * ((qp[c] - q0[c]) - (q0[c] - qm[c]))
 
 
 @kernel

@@ -54,7 +54,9 @@ def ball(comm: MPI.Comm, *, centre: Sequence[float], radius: float, elements: in
             t = outward.reshape(-1, *[1] * dim)
             blocks.append((1 - t) * inner + t * outer)
     shift = np.asarray(centre, dtype=float)
-    return from_blocks(comm, [shift + radius * block for block in blocks], source="disk" if dim == 2 else "ball")
+    return from_blocks(
+        comm, [shift + radius * block for block in blocks], source="disk" if dim == 2 else "ball"
+    )
 
 
 def _even(face: Array) -> Array:

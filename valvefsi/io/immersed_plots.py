@@ -75,7 +75,9 @@ def panels(path: Path, shown: Sequence[Panel], *, title: str = "", caption: str 
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(5.2 * len(shown), 4.4), dpi=160, facecolor="white")
         every = figure.subplots(1, len(shown), squeeze=False)[0]
-        figure.subplots_adjust(left=0.5 / len(shown) ** 0.5 / 3.6, right=0.98, top=0.81, bottom=0.13, wspace=0.28)
+        figure.subplots_adjust(
+            left=0.5 / len(shown) ** 0.5 / 3.6, right=0.98, top=0.81, bottom=0.13, wspace=0.28
+        )
         for axes, panel in zip(every, shown, strict=True):
             _draw(axes, panel)
         figure.text(0.03, 0.93, title, fontsize=12.5, fontweight="bold", va="baseline")
