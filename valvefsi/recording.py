@@ -10,12 +10,14 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import diagnostics
+from valvefsi.diagnostics import Section
 from valvefsi.errors import CaseError
 from valvefsi.fsi import Model, State
-from valvefsi.grid import Array
+from valvefsi.grid import Array, MacGrid
 from valvefsi.io import checkpoint
 from valvefsi.io.history import History
 from valvefsi.io.paraview import FluidSeries, SolidSeries
+from valvefsi.units import MMHG
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +47,8 @@ class Output:
         checkpoint_wall_s: Wall-clock time between checkpoints, 0 for none by the clock [s].
         keep_checkpoints: Number of checkpoints to keep.
         probes: Nodes to follow.
+        sections: Planes and disks by name whose flow and mean pressure the history holds.
+        dissipation: Whether the history holds the viscous dissipation of the box.
         provenance: What is kept with every checkpoint.
     """
 
@@ -55,6 +59,8 @@ class Output:
     checkpoint_wall_s: float = 0.0
     keep_checkpoints: int = 2
     probes: tuple[Probe, ...] = ()
+    sections: Mapping[str, Section] = field(default_factory=dict)
+    dissipation: bool = False
     provenance: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -126,6 +132,14 @@ def grid_part(array: Array, place: tuple[slice, ...]) -> Array:
     return np.ascontiguousarray(array[place])
 
 
+def _edges(grid: MacGrid) -> list[Array]:
+    """Edges of all cells along each axis, three of ``(cells + 1,)`` [cm]."""
+    return [
+        start + np.concatenate([[0.0], np.cumsum(widths)])
+        for start, widths in zip(grid.lower, grid.cell_widths, strict=True)
+    ]
+
+
 class Recorder:
     """Writes history and ParaView series of a run, new or continued.
 
@@ -153,6 +167,12 @@ class Recorder:
             ]
         for probe, _, _ in self.probes:
             columns += [f"u_{axis}_{probe.name}_cm" for axis in "xyz"[: grid.dim]]
+        if output.dissipation:
+            columns.append("dissipation_erg_per_s")
+        for name in output.sections:
+            columns += [f"flow_{name}_cm3_per_s", f"pressure_{name}_dyn_per_cm2"]
+        for side in model.circulation.sides if model.circulation else ():
+            columns += [f"q_{side}_ml_s", f"p_{side}_mmHg"]
         self.history = History(
             output.directory / "history.csv", columns, comm, resume.step if resume else None
         )
@@ -160,7 +180,7 @@ class Recorder:
         self.fluid_series = self.solid_series = None
         if output.frames:
             folder = output.directory / "paraview"
-            box = (grid.lower, grid.spacing)
+            box = (grid.lower, grid.spacing) if all(grid.uniform) else _edges(grid)
             self.fluid_series = FluidSeries(
                 folder, "fluid", comm, grid.cells, grid.start, grid.size, box, resume_time=time
             )
@@ -190,7 +210,28 @@ class Recorder:
             chi = state.chi[probe.solid]
             shift = solid.position_of(node, chi) - start
             row |= {f"u_{axis}_{probe.name}_cm": shift[a] for a, axis in enumerate("xyz"[: grid.dim])}
+        return row | self._read_off(state) | self._circuits(state)
+
+    def _circuits(self, state: State) -> dict[str, float]:
+        """Flow out of the box through each side with a circuit, and the pressure outside it. Collective."""
+        circulation, row = self.model.circulation, {}
+        if circulation is not None:
+            pressures = circulation.pressures(state.circuits, state.t)
+            for side in circulation.sides:
+                row[f"q_{side}_ml_s"] = self.model.fluid.boundary.outflow(state.u, side)
+                row[f"p_{side}_mmHg"] = pressures[side] / MMHG
         return row
+
+    def _read_off(self, state: State) -> dict[str, float]:
+        """Dissipation, flows and pressures that were asked for. Collective."""
+        grid, found = self.model.grid, {}
+        if self.output.dissipation:
+            mu = self.model.fluid.mu
+            found["dissipation_erg_per_s"] = diagnostics.dissipation(grid, state.u, mu)
+        for name, section in self.output.sections.items():
+            found[f"flow_{name}_cm3_per_s"] = diagnostics.flow(grid, state.u, section)
+            found[f"pressure_{name}_dyn_per_cm2"] = diagnostics.mean_pressure(grid, state.p, section)
+        return found
 
     def frame(self, state: State) -> None:
         """Write one time of the ParaView series. Collective."""

@@ -25,7 +25,7 @@ def test_phases_add_up_to_the_step_and_the_ratio_is_of_the_same_run(shared_tmp):
     assert (shared_tmp / "speed.png").stat().st_size > 0
 
 
-@pytest.mark.parametrize("override", ["cfll=0.1", "cfl=fast", "advection=upwind"])
+@pytest.mark.parametrize("override", ["cfll=0.1", "cfl=fast", "advection=upwind", "viscous=half"])
 def test_a_wrong_parameter_is_an_error(override, shared_tmp):
     with pytest.raises(CaseError, match=override.partition("=")[0]):
         run(sizes=(16,), overrides=[override], out=shared_tmp)

@@ -1,6 +1,7 @@
 """Speed of the fluid step: phases, and the ratio to a fast cosine transform of the same grid in the same run.
 
-One pair is scipy.fft.dctn and idctn of the grid on one thread: a yardstick that moves with the machine.
+One pair is scipy.fft.dctn and idctn of the grid on one thread: a yardstick that moves with the machine. The bytes that
+a step must move, over its time, compare with the bandwidth of a triad on all ranks at once.
 """
 
 from __future__ import annotations
@@ -9,23 +10,29 @@ import resource
 import time
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import scipy.fft
 from mpi4py import MPI
 
-from valvefsi.benchmarks import elastic_speed
+from valvefsi.benchmarks import cost_model, elastic_speed
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.errors import CaseError
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary, Wall
-from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.fluid.direct_solver import TensorSolver
+from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grid import Faces, MacGrid
 from valvefsi.memory import keep_freed_memory
 from valvefsi.simulation import Timed
 
-PARAMETERS = {"rho": 1.0, "mu": 0.01, "cfl": 0.3, "advection": "centred"}
+PARAMETERS = {"rho": 1.0, "mu": 0.01, "cfl": 0.3, "advection": "centred", "viscous": "implicit"}
+CHOICES = {"advection": tuple(SCHEMES), "viscous": ("implicit", "explicit")}
+PARTS = ("viscous solves", "pressure solve", "ghosts", "right-hand side", "projection")
+CALIBRATION = 96
+"""Cells along each axis of the grid from which the cost model takes the constants of one core."""
 
 
 def run(
@@ -36,6 +43,7 @@ def run(
     out: Path = Path("results/speed"),
     overrides: Sequence[str] = (),
     comm: MPI.Comm = MPI.COMM_WORLD,
+    model: bool = False,
 ) -> dict[str, object]:
     """Time fluid steps on grids of N cells along each axis, walls on all sides but one pair.
 
@@ -44,8 +52,9 @@ def run(
         dim: 2 or 3 dimensions.
         steps: Steps timed per grid, after two that are not.
         out: Folder of ``result.json`` and ``speed.png``.
-        overrides: ``rho``, ``mu``, ``cfl`` or ``advection`` as ``key=value``.
+        overrides: ``rho``, ``mu``, ``cfl``, ``advection`` or ``viscous`` as ``key=value``.
         comm: Communicator.
+        model: Whether to predict steps on many cores, in three dimensions, and compare with the steps measured here.
 
     Returns:
         The contents of ``result.json``.
@@ -62,11 +71,14 @@ def run(
     table = [_row(g, dim, comm.size, parameters["advection"] == "xsppm7") for g in grids]
     elastic = elastic_speed.measure(comm)
     table.append(elastic.pop("row"))
+    predicted = _model(grids, steps, parameters, comm) if model else {"rows": []}
+    table += predicted.pop("rows")
     result = {
         "benchmark": "speed",
         "parameters": parameters | {"sizes": list(sizes), "dim": dim, "steps": steps},
         "grids": grids,
         "elastic_force": elastic,
+        "cost_model": predicted,
         "table": table,
         "environment": environment(comm),
     }
@@ -78,6 +90,36 @@ def run(
         phase_bars(Path(out) / "speed.png", {f"{g['N']}^{dim}": g["phases_ms"] for g in grids}, title=heading)
     comm.barrier()
     return result
+
+
+def _model(
+    grids: Sequence[dict[str, object]], steps: int, parameters: dict[str, float | str], comm: MPI.Comm
+) -> dict[str, object]:
+    """Calibrate the cost model on every core at once, compare it with the grids measured, and predict. Collective."""
+    solves = 4 if parameters["viscous"] == "implicit" else 1
+    alone = _measure((CALIBRATION,) * 3, steps, parameters, 1.0, MPI.COMM_SELF)
+    phases = {k: comm.allreduce(v, op=MPI.MAX) for k, v in alone["phases_ms"].items()}
+    machine = cost_model.calibrate(CALIBRATION, phases, solves=solves)
+    network, rows = cost_model.measure_network(comm), []
+    for grid in grids:
+        count = cost_model.work(grid["N"], comm.size, solves=solves, advection=parameters["advection"])
+        step = cost_model.predict(count, machine, network or cost_model.Network())["step"]
+        name = f"model: {grid['N']}^3, {comm.size} rank{'s' * (comm.size > 1)}"
+        rows.append(row(name, 1e3 * step, grid["step_ms"], "measured here", unit="ms"))
+    lines = cost_model.table(machine, cost_model.Network(), solves=solves, advection=parameters["advection"])
+    for line in lines:
+        each = f"per core {line['flops']:.2g} flops, {line['bytes']:.2g} bytes, {line['messages']} messages"
+        rows.append(
+            row(f"model: {line['N']}^3, {line['cores']} cores", 1e3 * line["step_s"], None, each, unit="ms")
+        )
+    return {
+        "calibration_N": CALIBRATION,
+        "machine": asdict(machine),
+        "network_measured": network and asdict(network),
+        "network_assumed": asdict(cost_model.Network()),
+        "predictions": lines,
+        "rows": rows,
+    }
 
 
 def _row(grid: dict[str, object], dim: int, ranks: int, upwind: bool) -> dict[str, object]:
@@ -96,9 +138,9 @@ def _parameters(overrides: Sequence[str]) -> dict[str, float | str]:
         if key not in parameters:
             raise CaseError(f"expected one of {', '.join(parameters)}", key=key, value=value)
         try:
-            parameters[key] = SCHEMES[value] and value if key == "advection" else float(value)
-        except (ValueError, KeyError):
-            expected = f"one of {', '.join(SCHEMES)}" if key == "advection" else "a number"
+            parameters[key] = CHOICES[key][CHOICES[key].index(value)] if key in CHOICES else float(value)
+        except ValueError:
+            expected = f"one of {', '.join(CHOICES[key])}" if key in CHOICES else "a number"
             raise CaseError(f"expected {expected}", key=key, value=value) from None
     return parameters
 
@@ -108,12 +150,16 @@ def _measure(
 ) -> dict[str, object]:
     n, dim = cells[0], len(cells)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    started = time.perf_counter()
     grid = MacGrid([0.0] * dim, [1.0] * dim, cells, [False] * (dim - 1) + [True], comm)
     lid = Wall(velocity=(0.0,) + (1.0,) * (dim - 1))
     physics = {key: parameters[key] for key in ("rho", "mu", "advection")}
-    fluid = NavierStokes(grid, Boundary(grid, {"x_upper": lid}), **physics)
+    kind = ExplicitViscosity if parameters["viscous"] == "explicit" else NavierStokes
+    fluid = kind(grid, Boundary(grid, {"x_upper": lid}), **physics)
+    set_up = time.perf_counter() - started
     phases: dict[str, float] = defaultdict(float)
-    times = _march(fluid, parameters["cfl"] / n, steps, phases)
+    dt = min(parameters["cfl"] / n, fluid.dt_limit)
+    times = _march(fluid, dt, steps, phases)
     step = float(np.median(times))
     grown = comm.allreduce((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024.0)
     return {
@@ -122,12 +168,31 @@ def _measure(
         "ranks": comm.size,
         "step_ms": 1e3 * step,
         "step_ms_range": [1e3 * min(times), 1e3 * max(times)],
+        "set_up_ms": 1e3 * set_up,
         "dct_pair_ms": 1e3 * pair,
         "pairs_per_step": step / pair,
         "cell_steps_per_s": n**dim / step,
         # The process grows by its largest grid so far: no number for a grid that is small beside the rest.
         "memory_growth_float64_per_cell": grown / 8.0 / n**dim if n**dim > 10**6 else None,
         "phases_ms": _exclusive({k: 1e3 * v / steps for k, v in phases.items()}),
+        **_traffic(n, dim, step, parameters, comm),
+    }
+
+
+def _traffic(
+    n: int, dim: int, step: float, parameters: dict[str, float | str], comm: MPI.Comm
+) -> dict[str, float]:
+    """Bytes that a rank must move in a step of a cube, by the count of the cost model, and a triad's in this run."""
+    if dim == 2:
+        return {}
+    solves = 4 if parameters["viscous"] == "implicit" else 1
+    moved = cost_model.work(n, comm.size, solves=solves, advection=parameters["advection"]).bytes
+    triad = cost_model.triad_bandwidth(comm)
+    return {
+        "bytes_per_step": moved,
+        "gigabytes_per_s": 1e-9 * moved / step,
+        "triad_gigabytes_per_s": 1e-9 * triad,
+        "part_of_triad": moved / step / triad,
     }
 
 
@@ -172,14 +237,30 @@ def _time_of_pair(n: int, dim: int, repeats: int = 5) -> float:
 
 def _clock(fluid: NavierStokes, table: dict[str, float]) -> Timed:
     """Put clocks into the parts of a fluid step, and around the step."""
-    fluid.velocity_solvers = [Timed(s, table, {"solve": "viscous solves"}) for s in fluid.velocity_solvers]
-    fluid.pressure_solver = Timed(fluid.pressure_solver, table, {"solve": "pressure solve"})
+    fluid.velocity_solvers = [
+        _clock_solver(s, table, "viscous solves") for s in getattr(fluid, "velocity_solvers", ())
+    ]
+    fluid.pressure_solver = _clock_solver(fluid.pressure_solver, table, "pressure solve")
     fluid.grid = Timed(fluid.grid, table, {"exchange": "ghosts"})
+    kernels = {"momentum": "right-hand side", "advance": "right-hand side"}
+    kernels |= {"divergence": "projection", "subtract_gradient": "projection"}
+    fluid.operators = Timed(fluid.operators, table, kernels)
     return Timed(fluid, table, {"advection": "advection", "step": "step"})
 
 
+def _clock_solver(solver: TensorSolver, table: dict[str, float], phase: str) -> Timed:
+    moves = dict.fromkeys(("forward", "backward"), f"transposes in {phase}")
+    solver.transposes = tuple(t and Timed(t, table, moves) for t in solver.transposes)
+    return Timed(solver, table, {"solve": phase})
+
+
 def _exclusive(phases: dict[str, float]) -> dict[str, float]:
-    """Replace the time of the whole step by what is left of it after its parts."""
-    inner = ("viscous solves", "pressure solve", "ghosts")
-    rest = phases.pop("step", 0.0) - sum(phases.get(name, 0.0) for name in inner)
-    return {**phases, "all else": rest}
+    """Take the parts out of the time of a whole step, and the transposes out of that of solves."""
+    rest = phases.pop("step", 0.0) - sum(phases.get(name, 0.0) for name in PARTS)
+    moves = 0.0
+    for name in ("viscous solves", "pressure solve"):
+        inside = phases.pop(f"transposes in {name}", 0.0)
+        moves += inside
+        if inside:
+            phases[name] -= inside
+    return {**phases, **({"transposes": moves} if moves else {}), "all else": rest}

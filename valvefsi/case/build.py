@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from valvefsi.case.checks import check_against_mesh
 from valvefsi.case.circuit_tables import say_unconnected
+from valvefsi.case.circulation import build_circulation, connected
 from valvefsi.case.fibres import add_fibres
 from valvefsi.case.materials import make_material, say_provenance
 from valvefsi.case.models import Case, Mesh, Solid
@@ -17,6 +18,7 @@ from valvefsi.case.sides import build_fluid, build_grid
 from valvefsi.case.writing import to_dict, to_toml
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
+from valvefsi.diagnostics import Section
 from valvefsi.errors import CaseError
 from valvefsi.fsi import Model
 from valvefsi.geometry import mesh as meshes
@@ -45,13 +47,15 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
     Note:
         Collective. The case is written to ``case.toml`` in the folder when the simulation is run.
     """
-    say_unconnected(case.circuit, comm.rank)
+    say_unconnected(case.circuit, comm.rank, tuple(connected(case).values()))
     grid = build_grid(case, comm)
     fluid = build_fluid(case, grid)
     solids = tuple(build_solid(case, number, comm) for number in range(len(case.solid)))
     couplings = tuple(_coupling(grid, *pair) for pair in zip(case.solid, solids, strict=True))
-    model = Model(grid=grid, fluid=fluid, solids=solids, couplings=couplings)
-    return Simulation(model, _schedule(case), _output(case, out))
+    model = Model(
+        grid=grid, fluid=fluid, solids=solids, couplings=couplings, circulation=build_circulation(case)
+    )
+    return Simulation(model, _schedule(case), _output(case, out, grid))
 
 
 def _coupling(grid: MacGrid, given: Solid, solid: Structure) -> Coupling | ElementalCoupling:
@@ -187,7 +191,36 @@ def build_mesh(mesh: Mesh, case_file: Path | None, comm: MPI.Comm) -> meshes.Sol
     return getattr(shapes, mesh.shape)(comm, **options)
 
 
-def _output(case: Case, out: Path) -> Output:
+def _sections(case: Case, grid: MacGrid) -> dict[str, Section]:
+    sections = {}
+    for number, given in enumerate(case.output.section):
+        key = f"output.section.{given.name}"
+        if given.name in sections:
+            raise CaseError(
+                "two sections have this name",
+                file=case.file,
+                key=f"output.section.{number}.name",
+                value=given.name,
+            )
+        if given.centre and len(given.centre) != grid.dim:
+            raise CaseError(
+                f"expected {grid.dim} entries", file=case.file, key=f"{key}.centre", value=list(given.centre)
+            )
+        section = Section(
+            axis="xyz".index(given.axis),
+            position=given.position,
+            centre=tuple(given.centre) or None,
+            radius=given.radius or 0.0,
+        )
+        try:
+            section.check(grid)
+        except ValueError as error:
+            raise CaseError(str(error), file=case.file, key=key) from None
+        sections[given.name] = section
+    return sections
+
+
+def _output(case: Case, out: Path, grid: MacGrid) -> Output:
     probes = tuple(
         Probe(name=probe.name, solid=number, at=tuple(probe.at))
         for number, solid in enumerate(case.solid)
@@ -201,5 +234,7 @@ def _output(case: Case, out: Path) -> Output:
         checkpoint_wall_s=case.output.checkpoint_wall,
         keep_checkpoints=case.output.keep_checkpoints,
         probes=probes,
+        sections=_sections(case, grid),
+        dissipation=case.output.dissipation,
         provenance=to_dict(case),
     )

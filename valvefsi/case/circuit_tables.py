@@ -15,7 +15,7 @@ from pydantic import ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from valvefsi.case.overrides import nearest
-from valvefsi.case.quantities import Quantity
+from valvefsi.case.quantities import Quantity, Time
 from valvefsi.case.table import Name, Table, problem
 from valvefsi.circulation.linear import Circuit, CircuitState
 from valvefsi.circulation.pump import UpstreamBovine, UpstreamPorcine
@@ -37,6 +37,12 @@ class Pump(Table):
         None,
         description="Record of p_pump, or of q_pump and p_la, over time; relative to the file it stands in",
         examples=["pump.csv"],
+    )
+    period: Time | None = Field(
+        None,
+        gt=0,
+        description="Time after which the record is repeated; held at its end without",
+        examples=["0.857 s"],
     )
 
 

@@ -149,6 +149,9 @@ class Side(Table):
     pressure_expression: str = Field(
         "", description="The same as an expression, in dyn/cm^2", examples=["1e5 * sin(2 * pi * t)"]
     )
+    circuit: str = Field(
+        "", description="Name of the circuit that gives the pressure of an open side", examples=["outlet"]
+    )
     table: str = Field(
         "",
         description="CSV file with a column t_s, whose other columns expressions may use by their names; relative to "
@@ -178,7 +181,7 @@ class Side(Table):
             "free_slip": set(),
             "periodic": {"velocity"},
         }
-        opened = {"pressure", "pressure_expression", "backflow", "table"}
+        opened = {"pressure", "pressure_expression", "backflow", "table", "circuit"}
         allowed |= {"open": opened, "mixed": opened | {"centre", "radius"}}
         for key in self.model_fields_set - {"type"} - allowed[self.type]:
             if getattr(self, key) != type(self).model_fields[key].default:
@@ -188,6 +191,8 @@ class Side(Table):
         for key, other in (("velocity", "velocity_expression"), ("pressure", "pressure_expression")):
             if getattr(self, key) and getattr(self, other):
                 raise problem(f"give {key} or {other}, not both", other, getattr(self, other))
+        if self.circuit and (self.pressure or self.pressure_expression):
+            raise problem("give a pressure or the circuit that gives it, not both", "circuit", self.circuit)
         if self.type == "mixed" and (not self.centre or self.radius is None):
             raise problem("a mixed side needs centre and radius", "centre", list(self.centre))
         self._check_expressions()

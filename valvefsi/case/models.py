@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 from valvefsi.case.circuit_tables import CircuitTable
 from valvefsi.case.fluid_tables import SIDES, Fluid, Grid
 from valvefsi.case.material_tables import Fibre, Material
+from valvefsi.case.output_tables import Section
 from valvefsi.case.quantities import (
     BodyDamping,
     Length,
@@ -262,6 +263,10 @@ class Output(Table):
         0.0, ge=0, description="Wall-clock time between two checkpoints, 0 for none by the clock"
     )
     keep_checkpoints: int = Field(2, ge=1, description="Checkpoints that are kept")
+    dissipation: bool = Field(
+        False, description="Whether the history holds the viscous dissipation of the box"
+    )
+    section: tuple[Section, ...] = Field((), description="Planes and disks whose flow the history holds")
 
 
 class Case(Table):

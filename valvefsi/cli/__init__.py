@@ -21,6 +21,7 @@ from valvefsi import __version__
 from valvefsi.cli.bench import bench
 from valvefsi.cli.fit import fit
 from valvefsi.cli.immersed import immersed
+from valvefsi.cli.mesh import mesh
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
@@ -48,6 +49,7 @@ bench.add_typer(statics)
 bench.add_typer(immersed)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
+app.add_typer(mesh, name="mesh")
 
 
 @app.callback(invoke_without_command=True)

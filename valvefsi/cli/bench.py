@@ -64,6 +64,7 @@ def speed(
     ] = "64,128",
     dim: Annotated[int, typer.Option(min=2, max=3, help="Dimensions.")] = 3,
     steps: Annotated[int, typer.Option(min=1, help="Steps that are timed.")] = 5,
+    model: Annotated[bool, typer.Option("--model", help="Predict steps on many cores too.")] = False,
     overrides: Set = None,
     out: Out = None,
 ) -> None:
@@ -76,8 +77,10 @@ def speed(
         raise CaseError("expected whole numbers of at least 4, such as 64,128", key="--sizes", value=size)
     sizes = [int(part) for part in size.split(",")]
     comm, folder = MPI.COMM_WORLD, out if out is not None else Path("results") / "speed"
+    if model and dim == 2:
+        raise CaseError("the cost model is of three dimensions", key="--model", value="--dim 2")
     result = benchmark.run(
-        sizes=sizes, dim=dim, steps=steps, out=folder, overrides=overrides or [], comm=comm
+        sizes=sizes, dim=dim, steps=steps, out=folder, overrides=overrides or [], comm=comm, model=model
     )
     show_result(result, comm, folder)
 

@@ -171,13 +171,13 @@ def sphere_in_cavity(
 def disk_in_cavity(
     grid: Grid = 32,
     refine: Refine = 2,
-    t_end: Annotated[float, typer.Option("--t-end", min=0.01, help="End of the run [s].")] = 10.0,
+    t_end: Annotated[float, typer.Option("--t-end", min=0.01, help="End of the run [s].")] = 1.5,
     kernel: Annotated[str, typer.Option(help="Kernel of the coupling.")] = "ib4",
     coupling: CouplingName = "nodal",
     overrides: Set = None,
     out: Out = None,
 ) -> None:
-    """A soft disk in a lid-driven cavity: path and area over time, on several grids."""
+    """A soft disk in a lid-driven cavity: path and area, on several grids, until it comes within reach of the lid."""
     _cavity(2, {"steps": None, "t_end": t_end, "refine": refine}, (grid, kernel, coupling), overrides, out)
 
 

@@ -6,6 +6,9 @@ import numba
 import numpy as np
 
 Array = np.ndarray
+BLOCK = 4096
+"""Entries that are worked on in several passes before the next ones, as in `valvefsi.fluid.stencils`."""
+
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
@@ -13,12 +16,14 @@ kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy
 def subtract_laplacian(out: Array, q: Array, nu: tuple, bounds: tuple) -> None:
     """Viscous part of the explicit terms: out -= sum_e nu_e (q[c+e] - 2 q[c] + q[c-e]), nu_e = nu / h_e^2."""
     first, last, strides = bounds
-    o, q0 = out[first:last], q[first:last]
-    for e in range(len(strides)):
-        qp, qm = q[first + strides[e] : last + strides[e]], q[first - strides[e] : last - strides[e]]
-        k = nu[e]
-        for c in range(last - first):
-            o[c] -= k * ((qp[c] - q0[c]) - (q0[c] - qm[c]))
+    for start in range(first, last, BLOCK):
+        stop = min(start + BLOCK, last)
+        o, q0 = out[start:stop], q[start:stop]
+        for e in range(len(strides)):
+            qp, qm = q[start + strides[e] : stop + strides[e]], q[start - strides[e] : stop - strides[e]]
+            k = nu[e]
+            for c in range(stop - start):
+                o[c] -= k * ((qp[c] - q0[c]) - (q0[c] - qm[c]))
 
 
 @kernel

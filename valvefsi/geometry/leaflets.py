@@ -50,7 +50,7 @@ class ValveGeometry:
 
     radius: float = 1.25
     height: float = 1.75
-    commissure: float = 0.6
+    commissure: float = 0.8
     thickness: float = 0.04
     belly_thickness: float | None = None
     gap: float = 0.04
@@ -119,11 +119,14 @@ class ValveGeometry:
 
     def free_edge(self, u: Array) -> Array:
         """Return the free edge, u in proportion to its length seen from above, ``(n, 3)`` [cm]."""
-        end = self.radius * math.sin(self.half_angle)
-        y = np.linspace(0, end, SAMPLES)
-        steps = np.hypot(np.diff(y), np.diff(self._x_of(y)))
-        share = np.append(0.0, np.cumsum(steps)) / steps.sum()
-        at = np.copysign(np.interp(np.abs(u), share, y), u)
+        from scipy.interpolate import CubicSpline
+
+        y = (
+            np.linspace(0, 1.05, SAMPLES) * self.radius * math.sin(self.half_angle)
+        )  # past |u| = 1, for slopes
+        length = np.append(0.0, np.cumsum(np.hypot(np.diff(y), np.diff(self._x_of(y)))))
+        end = float(CubicSpline(y, length)(y[-1] / 1.05))
+        at = np.copysign(CubicSpline(length / end, y)(np.abs(u)), u)
         z = self.height - self.drop * (1 - u**2)
         return np.stack([self._x_of(at), at, z], axis=1)
 

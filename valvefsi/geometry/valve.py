@@ -104,15 +104,22 @@ def mesh_valve(
     return mesh
 
 
+def corner_edges(mesh: ValveMesh) -> Array:
+    """Return the three edges at each corner of each cell, right-handed, ``(num_cells, corners, 3, 3)`` [cm]."""
+    corners = mesh.points[mesh.cells]
+    following = _NEXT if mesh.cells.shape[1] == 8 else _NEXT_OF_FOUR
+    return np.stack([corners[:, list(n)] - corners[:, k : k + 1] for k, n in enumerate(following)], axis=1)
+
+
+def corner_frames(mesh: ValveMesh) -> Array:
+    """Return `corner_edges` divided by their lengths."""
+    edges = corner_edges(mesh)
+    return edges / np.linalg.norm(edges, axis=-1, keepdims=True)
+
+
 def jacobians(mesh: ValveMesh) -> Array:
     """Return the determinant of the edges at each corner of each cell, ``(num_cells, corners)`` [cm^3]."""
-    corners = mesh.points[mesh.cells]
-    if mesh.cells.shape[1] == 4:
-        edges = corners[:, 1:] - corners[:, :1]
-        return np.linalg.det(edges)[:, None]
-    return np.stack(
-        [np.linalg.det(corners[:, list(n)] - corners[:, k : k + 1]) for k, n in enumerate(_NEXT)], axis=1
-    )
+    return np.linalg.det(corner_edges(mesh))
 
 
 def volumes(mesh: ValveMesh) -> Array:
@@ -163,10 +170,12 @@ def write_valve(path: str | Path, mesh: ValveMesh) -> Path:
         raise CaseError("expected a name that ends in .msh", key="out", value=str(path))
     with _quiet_gmsh() as gmsh:
         _to_gmsh(gmsh, mesh)
-        gmsh.option.setNumber("Mesh.SaveAll", 0)
+        gmsh.option.setNumber("PostProcessing.SaveMesh", 0)  # or each view would bring the mesh again
         gmsh.write(str(path))
-        tags = np.arange(1, len(mesh.cells) + 1)
-        for name, vectors in mesh.fibres.items():
+        num_facets = sum(len(faces) for faces in mesh.facets.values())
+        tags = np.arange(1, num_facets + len(mesh.cells) + 1)
+        for name, fibres in mesh.fibres.items():
+            vectors = np.pad(fibres, ((num_facets, 0), (0, 0)))  # meshio wants data for the facets too
             view = gmsh.view.add(name)
             model = gmsh.model.getCurrent()
             gmsh.view.addHomogeneousModelData(view, 0, model, "ElementData", tags, vectors.ravel(), 0.0, 3)
@@ -175,25 +184,21 @@ def write_valve(path: str | Path, mesh: ValveMesh) -> Path:
 
 
 def _to_gmsh(gmsh: object, mesh: ValveMesh) -> None:
-    """Fill gmsh's model: cells 1, 2, ... in their order, then the facets."""
+    """Fill gmsh's model: facets 1, 2, ... and then the cells, in the order in which gmsh writes them."""
     model, start = gmsh.model, 1
-    nodes = np.arange(1, len(mesh.points) + 1)
-    kind = GMSH["cell", mesh.cells.shape[1]]
+    for number in range(1, len(mesh.facets) + 1):
+        model.addDiscreteEntity(2, number)
     for number in (1, 2, 3):
         model.addDiscreteEntity(3, number)
-    for number, faces in enumerate(mesh.facets.values(), start=1):
-        model.addDiscreteEntity(2, number)
-    model.mesh.addNodes(3, 1, nodes, mesh.points.ravel())
-    for number in (1, 2, 3):
-        cells = mesh.cells[mesh.leaflet == number] + 1
-        model.mesh.addElementsByType(number, kind, np.arange(start, start + len(cells)), cells.ravel())
-        model.addPhysicalGroup(3, [number], tag=number, name=f"leaflet_{number}")
-        start += len(cells)
-    for number, (name, faces) in enumerate(mesh.facets.items(), start=1):
-        tags = np.arange(start, start + len(faces))
-        model.mesh.addElementsByType(number, GMSH["facet", faces.shape[1]], tags, (faces + 1).ravel())
-        model.addPhysicalGroup(2, [number], tag=number, name=name)
-        start += len(faces)
+    model.mesh.addNodes(3, 1, np.arange(1, len(mesh.points) + 1), mesh.points.ravel())
+    cells = {f"leaflet_{number}": mesh.cells[mesh.leaflet == number] for number in (1, 2, 3)}
+    for dim, groups, part in ((2, mesh.facets, "facet"), (3, cells, "cell")):
+        for number, (name, corners) in enumerate(groups.items(), start=1):
+            tags = np.arange(start, start + len(corners))
+            kind = GMSH[part, corners.shape[1]]
+            model.mesh.addElementsByType(number, kind, tags, (corners + 1).ravel())
+            model.addPhysicalGroup(dim, [number], tag=number, name=name)
+            start += len(corners)
 
 
 def _counts(geometry: ValveGeometry, size: float) -> tuple[int, int]:
@@ -230,9 +235,7 @@ def _leaflet_nodes(geometry: ValveGeometry, counts: tuple[int, int, int]) -> tup
     along = thick[:, None, None] * s[:, None] * _normals(geometry, U, V)[:, None, :]
     points = (middle[:, None, :] + along).reshape(-1, 3)
     index = np.arange(len(points)).reshape(around + 1, up + 1, layers + 1)
-    corners = [
-        index[i : around + i, j : up + j, k : layers + k].ravel() for i, j, k in _UNIT
-    ]
+    corners = [index[i : around + i, j : up + j, k : layers + k].ravel() for i, j, k in _UNIT]
     return points, np.stack(corners, axis=1)
 
 
@@ -281,3 +284,4 @@ def _turn(k: int) -> Array:
 
 _UNIT = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
 _NEXT = ((1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3))
+_NEXT_OF_FOUR = ((1, 2, 3), (2, 0, 3), (0, 1, 3), (0, 2, 1))

@@ -10,12 +10,16 @@ from typing import TYPE_CHECKING
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from valvefsi.io.plots import GRID, INK, LINES, MUTED, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
+
+MANY = 8
+"""Lines in a panel from which on one legend stands beside all panels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,14 +76,18 @@ def panels(path: Path, shown: Sequence[Panel], *, title: str = "", caption: str 
     Returns:
         The path.
     """
+    many = max(len(panel.lines) for panel in shown) > MANY
+    width = 5.2 * len(shown) + (2.2 if many else 0.0)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(5.2 * len(shown), 4.4), dpi=160, facecolor="white")
+        figure = Figure(figsize=(width, 4.4), dpi=160, facecolor="white")
         every = figure.subplots(1, len(shown), squeeze=False)[0]
-        figure.subplots_adjust(
-            left=0.5 / len(shown) ** 0.5 / 3.6, right=0.98, top=0.81, bottom=0.13, wspace=0.28
-        )
+        right = 1 - (2.4 if many else 0.15) / width
+        figure.subplots_adjust(left=0.75 / width, right=right, top=0.81, bottom=0.13, wspace=0.28)
         for axes, panel in zip(every, shown, strict=True):
-            _draw(axes, panel)
+            _draw(axes, panel, legend=not many)
+        if many:
+            handles, labels = every[0].get_legend_handles_labels()
+            figure.legend(handles, labels, loc="center right", frameon=False, fontsize=8)
         figure.text(0.03, 0.93, title, fontsize=12.5, fontweight="bold", va="baseline")
         figure.text(0.03, 0.87, caption, fontsize=9.5, color=MUTED, va="baseline")
         path = Path(path)
@@ -88,7 +96,7 @@ def panels(path: Path, shown: Sequence[Panel], *, title: str = "", caption: str 
     return path
 
 
-def _draw(axes: Axes, panel: Panel) -> None:
+def _draw(axes: Axes, panel: Panel, *, legend: bool) -> None:
     if panel.band is not None:
         axes.axhspan(*panel.band, color="#e69f00", alpha=0.15, linewidth=0)
     if panel.reference is not None:
@@ -107,10 +115,14 @@ def _draw(axes: Axes, panel: Panel) -> None:
         )
     for axis in panel.log:
         getattr(axes, f"set_{axis}scale")("log")
+    if "x" in panel.log:
+        ticks = sorted({float(x) for line in panel.lines for x in line.x})
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.set_xticks(ticks, labels=[f"{x:g}" for x in ticks])
     axes.set_xlabel(panel.xlabel)
     axes.set_ylabel(panel.ylabel, fontsize=9)
     axes.grid(color=GRID, linewidth=0.8)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    if any(line.label for line in panel.lines) or panel.reference_label:
+    if legend and (panel.reference_label or any(line.label for line in panel.lines)):
         axes.legend(frameon=False, fontsize=8)

@@ -1,4 +1,4 @@
-"""Series of files for ParaView: the fluid as image data in one piece a rank, solids as unstructured grids.
+"""Series of files for ParaView: the fluid in one compressed piece a rank, solids as unstructured grids.
 
 A series is ``NAME.pvd``, the list of times, and the files it names in the folder ``NAME``. The list is
 replaced in one go after the files of a time are complete, so that a run may be watched, or stopped, at any
@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import sys
 import xml.etree.ElementTree as ET
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 BYTE_ORDER = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
 FILE = {"version": "1.0", "byte_order": BYTE_ORDER, "header_type": "UInt64"}
+PACKED = {**FILE, "compressor": "vtkZLibDataCompressor"}
+BLOCK = 1 << 20
+"""Bytes that are compressed together."""
 FIELDS = (("velocity", 3), ("pressure", 1))
 MESHIO_CELLS = {
     5: "triangle",
@@ -41,6 +45,8 @@ MESHIO_CELLS |= {69: "triangle6", 70: "quad9", 71: "tetra10", 72: "VTK_LAGRANGE_
 class FluidSeries:
     """Writes velocity and pressure in the cells of the grid, each rank its own piece.
 
+    A uniform grid is image data (``.pvti``), a graded one a rectilinear grid (``.pvtr``).
+
     Args:
         directory: Folder of the series.
         name: Name of the series.
@@ -48,7 +54,8 @@ class FluidSeries:
         cells: Number of cells of the whole grid, ``(3,)``; a grid in two dimensions is one cell thick.
         start: This rank's first cell, ``(3,)``.
         size: This rank's number of cells, ``(3,)``.
-        box: Lower corner of the grid and its spacing [cm], ``((3,), (3,))``.
+        box: Lower corner of the grid and its spacing, ``((3,), (3,))``, or the edges of the cells along each axis,
+            three of ``(cells + 1,)`` [cm].
         resume_time: Time of the checkpoint that the run goes on from [s]: later entries are dropped.
 
     Note:
@@ -63,14 +70,19 @@ class FluidSeries:
         cells: Sequence[int],
         start: Sequence[int],
         size: Sequence[int],
-        box: tuple[Sequence[float], Sequence[float]],
+        box: Sequence[Sequence[float]],
         resume_time: float | None = None,
     ) -> None:
         self.comm = comm
         self.whole = _extent((0, 0, 0), cells)
         self.extents = comm.allgather(_extent(start, size))
         self.shape = tuple(int(n) for n in size)
-        self.image = {"Origin": _join(map(float, box[0])), "Spacing": _join(map(float, box[1]))}
+        self.edges = [np.asarray(edges, dtype=float) for edges in box] if len(box) == 3 else None
+        self.kind, self.image = "RectilinearGrid", {}
+        if self.edges is None:
+            self.kind = "ImageData"
+            self.image = {"Origin": _join(map(float, box[0])), "Spacing": _join(map(float, box[1]))}
+        self.suffix = ".vti" if self.edges is None else ".vtr"
         self.index = _Index(directory, name, comm, resume_time)
 
     def write(self, t: float, velocity: NDArray, pressure: NDArray) -> None:
@@ -95,43 +107,55 @@ class FluidSeries:
                     f"expected arrays of {self.shape} cells, not {velocity.shape}, {pressure.shape}"
                 )
             if pressure.size:
-                self._write_piece(_piece_path(stem, self.comm.rank), velocity, pressure)
+                self._write_piece(_piece_path(stem, self.comm.rank, self.suffix), velocity, pressure)
         except (OSError, ValueError) as failure:
             error = failure
         raise_together(self.comm, error)
-        self.index.add(t, stem.with_suffix(".pvti"), self._write_list)
+        self.index.add(t, stem.with_suffix(self.suffix.replace(".", ".p")), self._write_list)
 
     def _write_piece(self, path: Path, velocity: NDArray, pressure: NDArray) -> None:
         extent = self.extents[self.comm.rank]
+        root = ET.Element("VTKFile", {"type": self.kind, **PACKED})
+        grid = ET.SubElement(root, self.kind, {"WholeExtent": _join(extent), **self.image})
+        piece = ET.SubElement(grid, "Piece", {"Extent": _join(extent)})
+        blocks, offset = [], 0
+
+        def add(parent: ET.Element, attributes: Mapping[str, str], values: NDArray) -> None:
+            nonlocal offset
+            place = {"format": "appended", "offset": str(offset)}
+            ET.SubElement(parent, "DataArray", {**attributes, **place})
+            blocks.append(_packed(values))
+            offset += len(blocks[-1])
+
+        data = ET.SubElement(piece, "CellData", {"Scalars": "pressure", "Vectors": "velocity"})
         # VTK counts x fastest, the components of one cell are neighbours.
         arrays = [velocity.transpose(2, 1, 0, 3), pressure.transpose(2, 1, 0)]
-        root = ET.Element("VTKFile", {"type": "ImageData", **FILE})
-        image = ET.SubElement(root, "ImageData", {"WholeExtent": _join(extent), **self.image})
-        piece = ET.SubElement(image, "Piece", {"Extent": _join(extent)})
-        data = ET.SubElement(piece, "CellData", {"Scalars": "pressure", "Vectors": "velocity"})
-        blocks, offset = [], 0
         for (name, components), array in zip(FIELDS, arrays, strict=True):
-            values = np.ascontiguousarray(array, dtype=np.float32).tobytes()
-            ET.SubElement(
-                data, "DataArray", {**_array(name, components), "format": "appended", "offset": str(offset)}
-            )
-            blocks.append(len(values).to_bytes(8, sys.byteorder) + values)
-            offset += len(blocks[-1])
+            add(data, _array(name, components), np.ascontiguousarray(array, dtype=np.float32))
+        if self.edges is not None:
+            places = ET.SubElement(piece, "Coordinates")
+            for axis, edges in enumerate(self.edges):
+                first, last = extent[2 * axis : 2 * axis + 2]
+                add(places, _array("xyz"[axis], 1, "Float64"), np.ascontiguousarray(edges[first : last + 1]))
         ET.SubElement(root, "AppendedData", {"encoding": "raw"}).text = "_@"
         head, tail = ET.tostring(root, xml_declaration=True, encoding="utf-8").split(b"@")
         _replace(path, b"".join([head, *blocks, tail]))
 
     def _write_list(self, path: Path) -> None:
-        root = ET.Element("VTKFile", {"type": "PImageData", **FILE})
-        attributes = {"WholeExtent": _join(self.whole), "GhostLevel": "0", **self.image}
-        image = ET.SubElement(root, "PImageData", attributes)
-        data = ET.SubElement(image, "PCellData", {"Scalars": "pressure", "Vectors": "velocity"})
+        kind = f"P{self.kind}"
+        root = ET.Element("VTKFile", {"type": kind, **FILE})
+        grid = ET.SubElement(root, kind, {"WholeExtent": _join(self.whole), "GhostLevel": "0", **self.image})
+        data = ET.SubElement(grid, "PCellData", {"Scalars": "pressure", "Vectors": "velocity"})
         for name, components in FIELDS:
             ET.SubElement(data, "PDataArray", _array(name, components))
+        if self.edges is not None:
+            places = ET.SubElement(grid, "PCoordinates")
+            for axis in "xyz":
+                ET.SubElement(places, "PDataArray", _array(axis, 1, "Float64"))
         for rank, extent in enumerate(self.extents):
             if all(extent[k + 1] > extent[k] for k in (0, 2, 4)):
-                source = _piece_path(path, rank).name
-                ET.SubElement(image, "Piece", {"Extent": _join(extent), "Source": source})
+                source = _piece_path(path, rank, self.suffix).name
+                ET.SubElement(grid, "Piece", {"Extent": _join(extent), "Source": source})
         _replace(path, _pretty(root))
 
 
@@ -252,12 +276,20 @@ def _extent(start: Sequence[int], size: Sequence[int]) -> tuple[int, ...]:
     return tuple(int(v) for s, n in zip(start, size, strict=True) for v in (s, s + n))
 
 
-def _piece_path(stem: Path, rank: int) -> Path:
-    return stem.with_name(f"{stem.stem}_{rank:04d}.vti")
+def _piece_path(stem: Path, rank: int, suffix: str) -> Path:
+    return stem.with_name(f"{stem.stem}_{rank:04d}{suffix}")
 
 
-def _array(name: str, components: int) -> dict[str, str]:
-    return {"type": "Float32", "Name": name, "NumberOfComponents": str(components)}
+def _array(name: str, components: int, kind: str = "Float32") -> dict[str, str]:
+    return {"type": kind, "Name": name, "NumberOfComponents": str(components)}
+
+
+def _packed(values: NDArray) -> bytes:
+    """Return an array as VTK's compressed blocks: their number, size, size of the last, packed sizes, data."""
+    raw = memoryview(values).cast("B") if values.size else b""
+    parts = [zlib.compress(raw[k : k + BLOCK], 1) for k in range(0, len(raw), BLOCK)]
+    header = np.array([len(parts), BLOCK, len(raw) % BLOCK, *map(len, parts)], dtype=np.uint64)
+    return b"".join([header.tobytes(), *parts])
 
 
 def _join(values: object) -> str:

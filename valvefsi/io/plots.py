@@ -206,7 +206,7 @@ def phase_bars(
         axes.tick_params(left=False)
         axes.spines[["top", "right", "left"]].set_visible(False)
         figure.legend(
-            loc="lower left", bbox_to_anchor=(0.1, 0.0), ncols=min(len(names), 6), frameon=False, fontsize=8.5
+            loc="lower left", bbox_to_anchor=(0.1, 0.0), ncols=min(len(names), 4), frameon=False, fontsize=8.5
         )
         _headings(figure, 0.11, 1.0 / height + 0.52 * len(steps) / height - 0.1 / height, title, "", height)
         return _save(figure, path)

@@ -85,7 +85,7 @@ class ElementPoints:
         lengths = np.linalg.norm(corners[:, self.edges[:, 0]] - corners[:, self.edges[:, 1]], axis=2)
         longest = lengths.max(axis=1, initial=0.0)
         counts = np.searchsorted(-gaps(self.cell.name), -gap / np.maximum(longest, 1e-300)) + 1
-        counts = np.maximum(counts - 1, self.smallest)
+        counts = np.maximum(counts, self.smallest)
         if not np.isfinite(longest).all() or counts.max(initial=0) > FINEST:
             raise StabilityError(
                 f"an element {longest.max():.3g} cm long needs more than {FINEST} points along its edge for gaps of "

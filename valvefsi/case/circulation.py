@@ -1,0 +1,98 @@
+"""From the tables of a case to the circuits at the open sides of its box."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pydantic_core import PydanticCustomError
+
+from valvefsi.case.circuit_tables import UNITS, CircuitTable
+from valvefsi.case.expressions import TimeTable, read_table
+from valvefsi.case.fluid_tables import SIDES
+from valvefsi.case.models import Case
+from valvefsi.case.overrides import nearest
+from valvefsi.case.quantities import Quantity
+from valvefsi.circulation.loop import FLOWS, Connection, FlowLoop
+from valvefsi.errors import CaseError
+
+
+def connected(case: Case) -> dict[str, str]:
+    """Return the circuit of each side that has one, by the side's name.
+
+    Raises:
+        CaseError: A side names a circuit that the case does not have, or one that another side has.
+    """
+    names = [circuit.name for circuit in case.circuit]
+    found: dict[str, str] = {}
+    for side in SIDES:
+        name = getattr(case.fluid.sides, side).circuit
+        if not name:
+            continue
+        key = f"fluid.sides.{side}.circuit"
+        if name not in names:
+            raise CaseError(
+                f"the case has no such circuit{nearest(name, names)}", file=case.file, key=key, value=name
+            )
+        if name in found.values():
+            raise CaseError("another side has this circuit", file=case.file, key=key, value=name)
+        found[side] = name
+    return found
+
+
+def build_circulation(case: Case) -> FlowLoop | None:
+    """Build the circuits that sides are connected to; None without any.
+
+    Raises:
+        CaseError: A circuit cannot be at a side, or its pump's record cannot be used.
+    """
+    circuits = {circuit.name: circuit for circuit in case.circuit}
+    connections = []
+    for side, name in connected(case).items():
+        built = circuits[name].build()
+        drive = _drive(case, circuits[name], built.circuit.system().inputs)
+        try:
+            connections.append(
+                Connection(side=side, system=built.circuit.system(), start=built.start, drive=drive)
+            )
+        except ValueError as error:
+            raise CaseError(str(error), file=case.file, key=f"circuit.{name}.pump.file") from None
+    return FlowLoop(connections) if connections else None
+
+
+def _drive(case: Case, circuit: CircuitTable, inputs: tuple[str, ...]) -> Callable[[float], dict[str, float]]:
+    """What the inputs of a circuit other than its flow are at a time, in CGS."""
+    wanted = [name for name in inputs if name not in FLOWS]
+    if not wanted or circuit.pump.file is None:
+        return lambda t: {}
+    path = Path(circuit.pump.file)
+    path = path if path.is_absolute() or case.file is None else case.file.parent / path
+    table = read_table(path)
+    columns = {name: _column(table, name, path) for name in wanted}
+    period = circuit.pump.period
+    if period is not None and period > (table.t[-1] - table.t[0]) * (1 + 1e-6):
+        raise CaseError(
+            f"the record of {path.name} is shorter, {table.t[-1] - table.t[0]:.6g} s",
+            file=case.file,
+            key=f"circuit.{circuit.name}.pump.period",
+            value=period,
+        )
+
+    def drive(t: float) -> dict[str, float]:
+        at = t if period is None else table.t[0] + (t - table.t[0]) % period
+        return {name: float(np.interp(at, table.t, values)) for name, values in columns.items()}
+
+    return drive
+
+
+def _column(table: TimeTable, name: str, path: Path) -> np.ndarray:
+    """The column of an input in CGS; its heading ends with its unit, as in ``p_pump_mmHg`` or ``q_pump_ml_s``."""
+    for heading, values in table.columns.items():
+        if heading.startswith(f"{name}_"):
+            unit = heading[len(name) + 1 :].replace("_", "/")
+            try:
+                return values * Quantity(UNITS[name[0]]).parse(f"1 {unit}")
+            except PydanticCustomError as error:
+                raise CaseError(error.message(), file=path, key=heading) from None
+    raise CaseError(f"expected a column such as {name}_{'mmHg' if name[0] == 'p' else 'ml_s'}", file=path)

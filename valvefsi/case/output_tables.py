@@ -1,0 +1,33 @@
+"""The table of a case file that says where flow and pressure are read off on the way."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from valvefsi.case.quantities import Length
+from valvefsi.case.table import Name, Table, problem
+
+
+class Section(Table):
+    """A plane across the box, or a disk in it, whose flow and mean pressure are in the history."""
+
+    name: Name = Field(
+        description="Name, in the column names flow_NAME_cm3_per_s and pressure_NAME_dyn_per_cm2"
+    )
+    axis: Literal["x", "y", "z"] = Field(description="Axis the plane is normal to; flow along it is positive")
+    position: Length = Field(description="Where the plane cuts the axis")
+    centre: tuple[Length, ...] = Field(
+        (),
+        description="Centre of the disk, one entry per dimension; left out for the whole plane",
+        examples=[["1 cm", "2 cm", "2 cm"]],
+    )
+    radius: Length | None = Field(None, gt=0, description="Radius of the disk", examples=["1.25 cm"])
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if bool(self.centre) != (self.radius is not None):
+            missing = "radius" if self.centre else "centre"
+            raise problem("a disk needs a centre and a radius, a plane neither", missing, None)
+        return self

@@ -1,0 +1,89 @@
+"""``valvefsi mesh valve``: make the mesh of a valve from a few lengths."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from valvefsi.cli.options import HELP
+from valvefsi.errors import CaseError
+
+mesh = typer.Typer(help="Make meshes.", **HELP)
+
+
+@mesh.callback()
+def _group() -> None:
+    """Make meshes."""
+
+
+@mesh.command()
+def valve(
+    kind: Annotated[str, typer.Option("--type", help="pericardial or porcine.")] = "pericardial",
+    diameter: Annotated[str, typer.Option(help="Diameter of the stent.")] = "25mm",
+    h: Annotated[str, typer.Option("--h", help="Spacing of the fluid's grid.")] = "1mm",
+    ratio: Annotated[float, typer.Option(min=0.05, max=4.0, help="Element size over h.")] = 0.5,
+    layers: Annotated[int, typer.Option(min=1, help="Elements through the thickness.")] = 1,
+    cell: Annotated[str, typer.Option(help="hexahedron or tetrahedron.")] = "hexahedron",
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=LENGTH", help="Set a length, such as gap=0.5mm. Repeatable."),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE.msh", help="The mesh.")] = Path("valve.msh"),
+) -> None:
+    """Mesh the three leaflets of a valve; writes FILE.msh, FILE.json (quality) and FILE.png."""
+    from valvefsi.geometry.leaflets import TYPES
+    from valvefsi.geometry.valve import mesh_valve, write_valve
+    from valvefsi.geometry.valve_quality import quality
+    from valvefsi.io.valve_plots import outer_faces
+    from valvefsi.io.valve_plots import valve as draw
+
+    if kind not in TYPES:
+        raise CaseError(f"expected one of {', '.join(TYPES)}", key="--type", value=kind)
+    if out.suffix != ".msh" or not out.parent.is_dir():
+        raise CaseError(
+            "expected a name that ends in .msh, in a folder that exists", key="--out", value=str(out)
+        )
+    geometry = TYPES[kind](diameter=_length("--diameter", diameter))
+    geometry = replace(geometry, **_lengths(overrides or []))
+    made = mesh_valve(geometry, size=ratio * _length("--h", h), layers=layers, cell=cell)
+    write_valve(out, made)
+    numbers = quality(geometry, made)
+    out.with_suffix(".json").write_text(json.dumps(numbers, indent=1) + "\n")
+    faces, owner = outer_faces(made.facets, len(made.points))
+    draw(out.with_suffix(".png"), made.points, faces, owner, title=f"{kind} valve, {diameter}")
+    for name, value in numbers.items():
+        typer.echo(f"{name:34s} {value:.6g}")
+    typer.echo(f"written: {out}, {out.with_suffix('.json')}, {out.with_suffix('.png')}")
+
+
+def _length(key: str, text: str) -> float:
+    """Read a length with its unit [cm]."""
+    from pydantic_core import PydanticCustomError
+
+    from valvefsi.case.quantities import Quantity
+
+    try:
+        value = Quantity("cm").parse(text)
+    except PydanticCustomError as error:
+        raise CaseError(error.message(), key=key, value=text) from None
+    if not value > 0:
+        raise CaseError("expected a positive length", key=key, value=text)
+    return value
+
+
+def _lengths(overrides: list[str]) -> dict[str, float]:
+    """Read ``name=length`` pairs."""
+    from valvefsi.geometry.leaflets import ValveGeometry
+
+    names = [item.name for item in fields(ValveGeometry) if item.name not in ("fibre_angles", "belly")]
+    found = {}
+    for text in overrides:
+        name, _, value = text.partition("=")
+        if name not in names:
+            raise CaseError(f"expected one of {', '.join(names)}", key="--set", value=text)
+        found[name] = _length(name, value)
+    return found
