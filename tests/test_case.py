@@ -229,7 +229,8 @@ def test_the_tables_of_kernels_materials_and_shapes_are_those_of_the_code():
         mesh = MADE[name](MPI.COMM_SELF, **box, **options)
         assert set(mesh.names) == set(tags), name
     schemas = {
-        entry["properties"]["model"]["const"]: entry for entry in case_schema()["$defs"]["Material"]["oneOf"][:-1]
+        entry["properties"]["model"]["const"]: entry
+        for entry in case_schema()["$defs"]["Material"]["oneOf"][:-1]
     }
     for name, kind in MATERIALS.items():
         assert {field.name for field in fields(kind)} <= set(schemas[name]["properties"])

@@ -6,8 +6,9 @@ that the kernel moves. For a stiffness k per area of a face,
     omega^2 = k c / (rho h),   c = max_r sum_j phi(r - j)^2,   dt < 2 / omega,
 
 for a body tether omega^2 = k / rho, for the elastic waves omega = 2 sqrt(dim) c_p / l with
-c_p^2 = (kappa + 4/3 mu_s + fibres) / rho and l the smallest edge; a damper eta decays stably while dt < 2 rho / eta (body) or
-dt < 2 rho h / (eta c) (area). Crank-Nicolson viscosity has no limit.
+c_p^2 = (kappa + 4/3 mu_s + fibres) / rho and l the smallest edge; a damper eta decays stably while
+dt < 2 rho / eta (body) or dt < 2 rho h / (eta c) (area). Crank-Nicolson viscosity has no limit, explicit viscosity
+that of `ExplicitViscosity`.
 """
 
 from __future__ import annotations

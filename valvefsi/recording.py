@@ -16,7 +16,7 @@ from valvefsi.fsi import Model, State
 from valvefsi.grid import Array, MacGrid
 from valvefsi.io import checkpoint
 from valvefsi.io.history import History
-from valvefsi.io.paraview import FluidSeries, SolidSeries
+from valvefsi.io.paraview import BodySeries, FluidSeries, SolidSeries
 from valvefsi.units import MMHG
 
 
@@ -49,6 +49,8 @@ class Output:
         probes: Nodes to follow.
         sections: Planes and disks by name whose flow and mean pressure the history holds.
         dissipation: Whether the history holds the viscous dissipation of the box.
+        stress: Names of the stresses and strains written beside the frames, as a series ``NAME_stress``; see
+            `valvefsi.solid.stress.QUANTITIES`.
         provenance: What is kept with every checkpoint.
     """
 
@@ -61,6 +63,7 @@ class Output:
     probes: tuple[Probe, ...] = ()
     sections: Mapping[str, Section] = field(default_factory=dict)
     dissipation: bool = False
+    stress: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -185,6 +188,7 @@ class Recorder:
                 folder, "fluid", comm, grid.cells, grid.start, grid.size, box, resume_time=time
             )
             self.solid_series = [SolidSeries(folder, s.name, comm, resume_time=time) for s in model.solids]
+        self.stresses = self._open_stresses(time) if output.frames and output.stress else []
 
     def row(self, state: State) -> dict[str, float]:
         """Return one row of the history: Courant number, energy, volume change, J, displacements. Collective."""
@@ -233,6 +237,26 @@ class Recorder:
             found[f"pressure_{name}_dyn_per_cm2"] = diagnostics.mean_pressure(grid, state.p, section)
         return found
 
+    def _open_stresses(self, resume_time: float | None) -> list[tuple]:
+        """Series and stress of every hyperelastic solid, with its number. Collective."""
+        from valvefsi.solid.stress import stress_of_structure  # compiles a form for each solid
+
+        found = []
+        for number, solid in enumerate(self.model.solids):
+            if hasattr(solid, "material"):
+                fibres = solid.mesh.fibres
+                options = {"fibres": fibres, "fibre": next(iter(fibres))} if fibres else {}
+                folder, name = self.output.directory / "paraview", f"{solid.name}_stress"
+                series = BodySeries(folder, name, self.model.grid.comm, resume_time=resume_time)
+                found.append((number, series, stress_of_structure(solid, **options)))
+        return found
+
+    def _write_stresses(self, state: State) -> None:
+        for number, series, stress in self.stresses:
+            self.model.solids[number].jacobian(state.chi[number])  # puts the solid where it is now
+            asked = [q for q in self.output.stress if q != "fibre_stretch" or stress.has_fibre]
+            series.write(state.t, stress.gather(*asked))
+
     def frame(self, state: State) -> None:
         """Write one time of the ParaView series. Collective."""
         if self.fluid_series is None:
@@ -247,3 +271,4 @@ class Recorder:
             else:
                 points, cells, J = now
                 series.write(state.t, points, cells, J, points - first[0])
+        self._write_stresses(state)

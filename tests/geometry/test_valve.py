@@ -109,8 +109,12 @@ def test_the_measured_thickness_is_the_one_asked_for():
 def test_fibres_are_unit_tangents_at_the_angles_asked_for():
     mesh = mesh_valve(ValveGeometry(fibre_angles=(0.0, 45.0, -45.0)), size=0.1)
     around, plus, minus = (mesh.fibres[f"fibre_{k}"] for k in (1, 2, 3))
+    corners = mesh.points[mesh.cells]
+    through = corners[:, 4:].mean(axis=1) - corners[:, :4].mean(axis=1)
+    through /= np.linalg.norm(through, axis=1, keepdims=True)
     for a in (around, plus, minus):
         assert np.linalg.norm(a, axis=1) == pytest.approx(1, abs=1e-12)
+        assert np.abs(np.einsum("ci,ci->c", a, through)).max() < 0.05
     assert np.einsum("ci,ci->c", around, plus) == pytest.approx(math.sqrt(0.5))
     assert np.einsum("ci,ci->c", plus, minus) == pytest.approx(0, abs=1e-12)
 

@@ -63,11 +63,8 @@ def run(
         Collective.
     """
     parameters = _parameters(overrides)
-    pairs = [comm.bcast(_time_of_pair(n, dim) if comm.rank == 0 else None) for n in sizes]
     keep_freed_memory()
-    grids = [
-        _measure((n,) * dim, steps, parameters, pair, comm) for n, pair in zip(sizes, pairs, strict=True)
-    ]
+    grids = [_measure((n,) * dim, steps, parameters, comm) for n in sizes]
     table = [_row(g, dim, comm.size, parameters["advection"] == "xsppm7") for g in grids]
     elastic = elastic_speed.measure(comm)
     table.append(elastic.pop("row"))
@@ -97,7 +94,7 @@ def _model(
 ) -> dict[str, object]:
     """Calibrate the cost model on every core at once, compare it with the grids measured, and predict. Collective."""
     solves = 4 if parameters["viscous"] == "implicit" else 1
-    alone = _measure((CALIBRATION,) * 3, steps, parameters, 1.0, MPI.COMM_SELF)
+    alone = _measure((CALIBRATION,) * 3, steps, parameters, MPI.COMM_SELF)
     phases = {k: comm.allreduce(v, op=MPI.MAX) for k, v in alone["phases_ms"].items()}
     machine = cost_model.calibrate(CALIBRATION, phases, solves=solves)
     network, rows = cost_model.measure_network(comm), []
@@ -146,7 +143,7 @@ def _parameters(overrides: Sequence[str]) -> dict[str, float | str]:
 
 
 def _measure(
-    cells: tuple[int, ...], steps: int, parameters: dict[str, float | str], pair: float, comm: MPI.Comm
+    cells: tuple[int, ...], steps: int, parameters: dict[str, float | str], comm: MPI.Comm
 ) -> dict[str, object]:
     n, dim = cells[0], len(cells)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -159,8 +156,8 @@ def _measure(
     set_up = time.perf_counter() - started
     phases: dict[str, float] = defaultdict(float)
     dt = min(parameters["cfl"] / n, fluid.dt_limit)
-    times = _march(fluid, dt, steps, phases)
-    step = float(np.median(times))
+    times, pairs = _march(fluid, dt, steps, phases)
+    step, pair = float(np.median(times)), float(np.median(pairs))
     grown = comm.allreduce((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024.0)
     return {
         "N": n,
@@ -196,12 +193,17 @@ def _traffic(
     }
 
 
-def _march(fluid: NavierStokes, dt: float, steps: int, phases: dict[str, float]) -> list[float]:
-    """Take two steps and then ``steps`` more; return the time of each of these on all ranks together [s]."""
+def _march(
+    fluid: NavierStokes, dt: float, steps: int, phases: dict[str, float]
+) -> tuple[list[float], list[float]]:
+    """Take two steps and then ``steps`` more; return their times on all ranks together, and those of pairs after them.
+
+    Pairs and steps take turns, so that a load on the machine that comes and goes slows both [s].
+    """
     grid = fluid.grid
     clocked = _clock(fluid, phases)
     u, p, f = fluid.fill(_swirl(grid), 0.0), grid.zeros(), grid.zero_faces()
-    N_old, times = fluid.advection(u), []
+    N_old, times, pairs = fluid.advection(u), [], []
     for k in range(steps + 2):
         if k == 2:
             phases.clear()
@@ -212,7 +214,8 @@ def _march(fluid: NavierStokes, dt: float, steps: int, phases: dict[str, float])
         N_old = N
         grid.comm.barrier()
         times.append(time.perf_counter() - started)
-    return times[2:]
+        pairs.append(grid.comm.bcast(_time_of_pair(grid.cells[: grid.dim]) if grid.comm.rank == 0 else None))
+    return times[2:], pairs[2:]
 
 
 def _swirl(grid: MacGrid) -> Faces:
@@ -224,15 +227,12 @@ def _swirl(grid: MacGrid) -> Faces:
     return u
 
 
-def _time_of_pair(n: int, dim: int, repeats: int = 5) -> float:
-    """Median time of dctn and idctn of the grid on one thread [s]."""
-    x = np.random.default_rng(0).standard_normal((n,) * dim)
-    times = []
-    for _ in range(repeats + 1):
-        started = time.perf_counter()
-        scipy.fft.idctn(scipy.fft.dctn(x, workers=1), workers=1)
-        times.append(time.perf_counter() - started)
-    return float(np.median(times[1:]))
+def _time_of_pair(cells: Sequence[int]) -> float:
+    """Time of dctn and idctn of the grid on one thread [s]."""
+    x = np.random.default_rng(0).standard_normal(cells)
+    started = time.perf_counter()
+    scipy.fft.idctn(scipy.fft.dctn(x, workers=1), workers=1)
+    return time.perf_counter() - started
 
 
 def _clock(fluid: NavierStokes, table: dict[str, float]) -> Timed:

@@ -236,5 +236,6 @@ def _output(case: Case, out: Path, grid: MacGrid) -> Output:
         probes=probes,
         sections=_sections(case, grid),
         dissipation=case.output.dissipation,
+        stress=case.output.stress,
         provenance=to_dict(case),
     )

@@ -40,6 +40,7 @@ Kernel = Literal[
     "composite_bspline54",
     "composite_bspline65",
 ]
+SolidQuantity = Literal["pk1", "pk2", "cauchy", "von_mises", "principal_stretches", "fibre_stretch", "J"]
 RECTANGLE = ("body", *SIDES[:4])
 SHAPES = {
     "compressed_block": (2, ("block", "bottom", "sides", "top_loaded", "top_outer")),
@@ -265,6 +266,11 @@ class Output(Table):
     keep_checkpoints: int = Field(2, ge=1, description="Checkpoints that are kept")
     dissipation: bool = Field(
         False, description="Whether the history holds the viscous dissipation of the box"
+    )
+    stress: tuple[SolidQuantity, ...] = Field(
+        (),
+        description="Stresses and strains of the solids in ParaView files beside the frames: "
+        + ", ".join(SolidQuantity.__args__),
     )
     section: tuple[Section, ...] = Field((), description="Planes and disks whose flow the history holds")
 

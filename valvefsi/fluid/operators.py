@@ -50,7 +50,7 @@ class UniformOperators:
     ) -> Array:
         """Return f - grad p - a N - b N_old + mu lap q on the faces of component d; weights are a, b, mu."""
         a, b, mu = weights
-        out = self.grid.zeros()
+        out = np.empty(self.grid.shape)
         stencils.momentum(
             out.ravel(),
             q.ravel(),
@@ -76,7 +76,7 @@ class UniformOperators:
 
     def divergence(self, u: Faces) -> Array:
         """Return the divergence in the owned cells."""
-        out = self.grid.zeros()
+        out = np.empty(self.grid.shape)
         stencils.divergence(out.ravel(), tuple(c.ravel() for c in u), self.inv_h, self.strides, self.cells)
         return out
 

@@ -4,6 +4,8 @@ A field is the flat view of a local array with ghosts, and a neighbour along axi
 that one formula serves every axis and both dimensions, and the loop over all entries from ``first`` to
 ``last`` is contiguous. Ghost entries between are computed too and hold no meaning afterwards. Every kernel writes
 ``out`` only.
+
+`momentum` goes over blocks, a fifth to a quarter faster at 128^3 cells; for the divergence that did not pay.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valvefsi.errors import raise_together
+from valvefsi.io.solid_body import Body, write_body
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -210,6 +211,41 @@ class SolidSeries:
             temporary = path.with_name(f".{path.name}")
             mesh.write(temporary, file_format="vtu")
             temporary.replace(path)
+
+        self.index.add(t, self.index.stem(t).with_suffix(".vtu"), write)
+
+
+class BodySeries:
+    """Writes a deformed mesh with any fields at its nodes, on rank 0.
+
+    Args:
+        directory: Folder of the series.
+        name: Name of the series.
+        comm: Communicator of the run.
+        resume_time: Time of the checkpoint that the run goes on from [s]: later entries are dropped.
+
+    Note:
+        Collective.
+    """
+
+    def __init__(self, directory: Path, name: str, comm: MPI.Comm, resume_time: float | None = None) -> None:
+        self.index = _Index(directory, name, comm, resume_time)
+
+    def write(self, t: float, gathered: tuple | None) -> None:
+        """Write one time.
+
+        Args:
+            t: Time [s].
+            gathered: On rank 0 positions, cells, fields and reference positions as `valvefsi.solid.stress` gathers
+                them; None on other ranks.
+
+        Note:
+            Collective.
+        """
+
+        def write(path: Path) -> None:
+            points, cells, fields, reference = gathered
+            write_body(path, Body(points=points, cells=cells, values=fields, reference=reference))
 
         self.index.add(t, self.index.stem(t).with_suffix(".vtu"), write)
 

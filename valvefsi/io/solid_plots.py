@@ -104,16 +104,22 @@ def draw_folder(folder: Path, out: Path, *, field: str | None = None, t: float |
     folder, out = Path(folder), Path(out)
     out = out.parent if out.suffix in (".vtu", ".pvd") else out
     found = [folder] if folder.is_file() else sorted(folder.rglob("*.pvd")) + sorted(folder.glob("*.vtu"))
-    made = []
+    made, without = [], None
     for path in found:
         when, file = _at_time(path, t) if path.suffix == ".pvd" else (None, path)
         if file is None or file.suffix != ".vtu":
             continue
         body = read_body(file)
-        body = replace(body, shown=_field(body, field, file))
+        try:
+            body = replace(body, shown=_field(body, field, file))
+        except CaseError as error:  # another series beside it may have the field
+            without = error
+            continue
         name = "".join(c if c.isalnum() else "_" for c in body.shown.split(" [")[0])
         caption = file.name if when is None else f"t = {when:.6g} s"
         made.append(deformed(out / f"{path.stem}_{name}.png", body, title=path.stem, caption=caption))
+    if not made and without is not None:
+        raise without
     if not made:
         raise CaseError("no solids here: expected .vtu files or a .pvd series of them", file=folder)
     return made
