@@ -9,7 +9,8 @@ that is monotone, elsewhere the median of it, the monotone value of the piecewis
 fifth-order WENO value, which keeps smooth extrema and lets layers overshoot hardly at all. With the Adams-Bashforth
 steps it wants the sum of the Courant numbers of all axes below about 0.3; at 0.8 it blows up.
 
-What pays in `xsppm7` (128^3, one core, the whole advection 2.4 x faster): loops that the compiler turns into vectors
+What pays in `xsppm7` (128^3, one core: 2.4 x faster by itself on a smooth flow, 1.7 to 1.9 x within the steps of the
+speed benchmark): loops that the compiler turns into vectors
 (scratch in one array with rows at constant distances, both neighbours loaded before one is selected, helpers inlined
 by force), limiting gathered entries as vectors with one division in WENO, all axes of a component block by block.
 What did not pay: the limiter on every face, 2.9 times as slow; other blocks, 1024 to 16384 entries, from 2 % slower to

@@ -5,7 +5,7 @@ that one formula serves every axis and both dimensions, and the loop over all en
 ``last`` is contiguous. Ghost entries between are computed too and hold no meaning afterwards. Every kernel writes
 ``out`` only.
 
-`momentum` goes over blocks, a fifth to a quarter faster at 128^3 cells; for the divergence that did not pay.
+`momentum` goes over blocks, about a fifth faster at 128^3 cells; for the divergence that did not pay.
 """
 
 from __future__ import annotations
