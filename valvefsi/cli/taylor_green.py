@@ -1,0 +1,34 @@
+"""``valvefsi bench taylor-green``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from valvefsi.cli.options import HELP, Out, Set
+from valvefsi.cli.progress import Progress
+from valvefsi.cli.tables import show_result
+
+taylor = typer.Typer(help="Turbulence.", **HELP)
+
+
+@taylor.command("taylor-green")
+def taylor_green(
+    grid: Annotated[int, typer.Option("--grid", min=8, help="Cells along the edge of the eighth.")] = 48,
+    overrides: Set = None,
+    out: Out = None,
+) -> None:
+    """Decay of the Taylor-Green vortex at Re 1600, in the eighth that its symmetry leaves."""
+    from mpi4py import MPI
+
+    from valvefsi.benchmarks import taylor_green as benchmark
+
+    comm = MPI.COMM_WORLD
+    folder = out if out is not None else Path("results/taylor-green")
+    with Progress(comm, "taylor-green") as progress:
+        result = benchmark.run(
+            cells=grid, out=folder, overrides=overrides or [], comm=comm, progress=progress
+        )
+    show_result(result, comm, folder)

@@ -1,0 +1,50 @@
+"""Pictures of a flow that loses its energy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from valvefsi.io.plots import INK, LINES, MUTED, STYLE
+
+
+def decay(
+    path: Path,
+    curves: tuple[NDArray, NDArray, NDArray, NDArray],
+    peak: tuple[float, float] | None,
+    *,
+    title: str = "",
+) -> Path:
+    """Draw energy, its loss and what of the loss the grid resolves, over time.
+
+    Args:
+        path: The picture, PNG or PDF.
+        curves: Times, energy, loss and resolved dissipation, ``(n,)`` each.
+        peak: Time and value of the largest loss of a reference, None without one.
+        title: Heading.
+
+    Returns:
+        The path.
+    """
+    t, energy, loss, resolved = curves
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 6.0), dpi=160, facecolor="white")
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.6))
+        above.plot(t, energy, color=LINES[0])
+        above.set_ylabel("kinetic energy")
+        below.plot(t, 1e3 * loss, color=LINES[0], label="lost")
+        below.plot(t, 1e3 * resolved, color=LINES[1], label="of that resolved by the grid")
+        if peak is not None:
+            below.plot(
+                [peak[0]], [1e3 * peak[1]], "o", color=INK, label="largest loss, pseudo-spectral $512^3$"
+            )
+        below.set(xlabel="t", ylabel="loss of energy [$10^{-3}$]", xlim=(0, t[-1]), ylim=(0, None))
+        below.legend(frameon=False, loc="upper left", labelcolor=MUTED)
+        figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path)
+    return path
