@@ -26,7 +26,7 @@ from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
 from valvefsi.cli.statics import statics
-from valvefsi.cli.taylor_green import taylor
+from valvefsi.cli.streams import streams
 from valvefsi.errors import CaseError, Stopped, ValvefsiError
 
 PATIENCE, GRACE = 5.0, 0.5
@@ -48,7 +48,7 @@ app.command()(case)
 app.command()(plot)
 bench.add_typer(statics)
 bench.add_typer(immersed)
-bench.add_typer(taylor)
+bench.add_typer(streams)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 app.add_typer(mesh, name="mesh")

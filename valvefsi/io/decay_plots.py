@@ -48,3 +48,43 @@ def decay(
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)
     return path
+
+
+def forces(
+    path: Path,
+    curves: tuple[NDArray, NDArray, NDArray],
+    ranges: dict[str, tuple[float, float]],
+    *,
+    title: str = "",
+) -> Path:
+    """Draw the coefficients of drag and lift over time with published ranges.
+
+    Args:
+        path: The picture, PNG or PDF.
+        curves: Times, drag and lift, ``(n,)`` each.
+        ranges: Range of the mean ``drag`` and of the amplitude of the ``lift``; empty without a reference.
+        title: Heading.
+
+    Returns:
+        The path.
+    """
+    t, drag, lift = curves
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 5.4), dpi=160, facecolor="white")
+        above, below = figure.subplots(2, 1, sharex=True)
+        late = t > 0.1 * t[-1]
+        for axes, curve, key in ((above, drag, "drag"), (below, lift, "lift")):
+            axes.plot(t[late], curve[late], color=LINES[0], linewidth=1.0)
+            if key in ranges:
+                low, high = ranges[key]
+                for sign in (1, -1) if key == "lift" else (1,):
+                    label = "published" if sign == 1 else None
+                    axes.axhspan(*sorted((sign * low, sign * high)), color=LINES[1], alpha=0.5, label=label)
+                axes.legend(frameon=False, loc="lower right", labelcolor=MUTED)
+            axes.set_ylabel(f"{key} coefficient")
+        below.set(xlabel="t U / D", xlim=(0, t[-1]))
+        figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path)
+    return path

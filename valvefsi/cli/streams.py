@@ -1,4 +1,4 @@
-"""``valvefsi bench taylor-green``."""
+"""``valvefsi bench taylor-green`` and ``cylinder``: flows without deformable solids."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from valvefsi.cli.options import HELP, Out, Set
 from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
 
-taylor = typer.Typer(help="Turbulence.", **HELP)
+streams = typer.Typer(help="Flows.", **HELP)
 
 
-@taylor.command("taylor-green")
+@streams.command("taylor-green")
 def taylor_green(
     grid: Annotated[int, typer.Option("--grid", min=8, help="Cells along the edge of the eighth.")] = 48,
     overrides: Set = None,
@@ -28,6 +28,26 @@ def taylor_green(
     comm = MPI.COMM_WORLD
     folder = out if out is not None else Path("results/taylor-green")
     with Progress(comm, "taylor-green") as progress:
+        result = benchmark.run(
+            cells=grid, out=folder, overrides=overrides or [], comm=comm, progress=progress
+        )
+    show_result(result, comm, folder)
+
+
+@streams.command("cylinder")
+def cylinder(
+    grid: Annotated[int, typer.Option("--grid", min=8, help="Cells across the diameter.")] = 20,
+    overrides: Set = None,
+    out: Out = None,
+) -> None:
+    """Drag, lift and shedding of a rigid cylinder at Re 100, held in a stream on a graded grid."""
+    from mpi4py import MPI
+
+    from valvefsi.benchmarks import cylinder as benchmark
+
+    comm = MPI.COMM_WORLD
+    folder = out if out is not None else Path("results/cylinder")
+    with Progress(comm, "cylinder") as progress:
         result = benchmark.run(
             cells=grid, out=folder, overrides=overrides or [], comm=comm, progress=progress
         )

@@ -1,0 +1,51 @@
+"""The cylinder: read-off numbers of a known signal, forces on a held ring, what the command writes."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from valvefsi.benchmarks.cylinder import PARAMETERS, HeldRing, build, march, numbers, run
+from valvefsi.errors import CaseError
+
+WORLD = MPI.COMM_WORLD
+
+
+def test_drag_lift_and_frequency_of_a_known_signal_are_read_off():
+    t = np.linspace(0.0, 100.0, 20001)
+    found = numbers(t, 1.3 + 0.01 * np.cos(4 * np.pi * 0.17 * t), 0.02 + 0.33 * np.sin(2 * np.pi * 0.17 * t))
+    assert found["drag"] == pytest.approx(1.3, abs=1e-4)
+    assert found["lift"] == pytest.approx(0.33, abs=1e-4)
+    assert found["strouhal"] == pytest.approx(0.17, rel=1e-5)
+
+
+def test_a_held_ring_pulls_back():
+    ring = HeldRing(X=np.array([[1.0, 2.0, 0.5]]), weight=0.1, stiffness=3.0, damping=2.0)
+    F = ring.force(np.array([[1.5, 2.0, 0.5]]), np.array([[0.0, 1.0, 0.0]]), 0.0)
+    np.testing.assert_allclose(F, [[-0.15, -0.2, 0.0]])
+    np.testing.assert_allclose(ring.total, F[0])
+
+
+def test_a_ring_in_a_stream_feels_drag_and_hardly_any_lift_at_first():
+    """Coarse and early: the drag has the size of that of a bluff body."""
+    parameters = PARAMETERS | {"width": 12.0}
+    model, dt = build(8, parameters, WORLD)
+    t, drag, lift = march(model, dt, 2.0)
+    assert len(t) == round(2.0 / dt)
+    assert np.all(np.isfinite(drag))
+    late = t > 1.0
+    assert 1.0 < drag[late].mean() < 4.0
+    assert np.abs(lift[late]).max() < drag[late].mean()
+
+
+def test_the_command_writes_its_forces(shared_tmp):
+    result = run(cells=8, out=shared_tmp, overrides=["t_end=0.5", "width=12"])
+    if WORLD.rank == 0:
+        assert json.loads((shared_tmp / "result.json").read_text())["benchmark"] == "cylinder"
+        assert (shared_tmp / "forces.png").stat().st_size > 10000
+    assert [entry["source"] for entry in result["table"]] == ["PetIBM; Liu et al. 1998"] * 3
+    with pytest.raises(CaseError, match="expected one of reynolds"):
+        run(cells=8, out=shared_tmp, overrides=["kernle=ib4"])
