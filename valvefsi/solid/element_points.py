@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -220,15 +221,14 @@ class _Mass:
         nodes = numbers[points.nodes]
         counts = np.full(len(nodes), points.smallest)
         values = [np.einsum("cq,qj,qk->cjk", g.weights, g.phi, g.phi) for g in points.groups(counts)]
-        k = nodes.shape[1]
-        rows = np.broadcast_to(nodes[:, :, None], (len(nodes), k, k))
-        columns = np.broadcast_to(nodes[:, None, :], (len(nodes), k, k))
         sizes = (index_map.size_local, index_map.size_global)
         self.matrix = PETSc.Mat().create(comm)
         self.matrix.setSizes((sizes, sizes))
         self.matrix.setType("aij")
-        self.matrix.setPreallocationCOO(rows.ravel(), columns.ravel())
-        self.matrix.setValuesCOO(np.concatenate([np.zeros(0), *(v.ravel() for v in values)]))
+        self.matrix.setUp()  # PETSc finds the pattern itself; not every petsc4py takes lists of entries
+        for cell, block in zip(nodes, itertools.chain.from_iterable(values), strict=True):
+            self.matrix.setValues(cell, cell, block, addv=PETSc.InsertMode.ADD)
+        self.matrix.assemble()
         self.b, self.x = self.matrix.createVecs()
         self.dim = points.dim
         self.solver = PETSc.KSP().create(comm)
