@@ -80,6 +80,11 @@ def test_what_flows_in_flows_out_of_a_channel_from_a_case_file(case, shared_tmp)
     )
 
 
+def test_a_case_that_a_run_has_kept_finds_its_table(case, shared_tmp):
+    loaded = case()
+    assert Path(loaded.fluid.sides.x_lower.table) == (shared_tmp / "rate.csv").resolve()
+
+
 def test_every_type_of_side_is_built(case):
     inlet = 'type = "mixed"\ncentre = [0, "0.5 cm"]\nradius = "2 mm"\npressure_expression = "1e3 * sin(2*pi*t) + y"'
     loaded = case(inlet, overrides=["fluid.sides.y_upper.type=free_slip"])
@@ -130,7 +135,7 @@ WRONG = {
     'velocity_expression = ["max(1)", "0"]': "max takes 2 values, found 1",
     'velocity_expression = ["1 / (t * y)", "0"]': "not finite",
     'velocity_expression = ["rates", "0"]\ntable = "rate.csv"': "unknown name 'rates'; did you mean 'rate'?",
-    'velocity_expression = ["1", "0"]\ntable = "none.csv"': "none.csv: cannot be read: FileNotFoundError",
+    'velocity_expression = ["1", "0"]\ntable = "none.csv"': "table = 'none.csv': no such file; did you mean 'rate.csv'?",
     'velocity = [1, 0]\nvelocity_expression = ["1", "0"]': "give velocity or velocity_expression, not both",
     'type = "open"\nbackflow = 2': "backflow",
 }

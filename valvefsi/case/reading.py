@@ -108,7 +108,11 @@ def case_schema() -> dict[str, object]:
 
 
 def _find_files(raw: dict[str, object], file: Path | None, changed: Sequence[str]) -> None:
-    """Make the paths of files of meshes, fibres and pumps absolute; refuse one that does not exist."""
+    """Make the paths of files of meshes, fibres, pumps and tables absolute; refuse one that does not exist."""
+    fluid = raw.get("fluid")
+    sides = fluid.get("sides") if isinstance(fluid, dict) else None
+    for name in sides if isinstance(sides, dict) else ():
+        _find_file(raw, ("fluid", "sides", name), file, changed, entry="table")
     circuits = raw.get("circuit")
     for number, circuit in enumerate(circuits if isinstance(circuits, list) else ()):
         if isinstance(circuit, dict):
@@ -124,22 +128,28 @@ def _find_files(raw: dict[str, object], file: Path | None, changed: Sequence[str
 
 
 def _find_file(
-    raw: dict[str, object], place: tuple[str | int, ...], file: Path | None, changed: Sequence[str]
+    raw: dict[str, object],
+    place: tuple[str | int, ...],
+    file: Path | None,
+    changed: Sequence[str],
+    entry: str = "file",
 ) -> None:
-    """Make the path ``file`` of one table absolute; refuse one that does not exist."""
+    """Make the path under ``entry`` of one table absolute; refuse one that does not exist."""
     table: object = raw
     for part in place:
         table = table.get(part) if isinstance(table, dict) else table[part]
-    if not isinstance(table, dict) or not isinstance(table.get("file"), str):
+    if not isinstance(table, dict) or not isinstance(table.get(entry), str):
         return
-    path = (file.parent if file else Path()) / table["file"]
+    if entry == "table" and not table[entry]:  # its default, no table
+        return
+    path = (file.parent if file else Path()) / table[entry]
     if not path.is_file():
-        key = (*place, "file")
+        key = (*place, entry)
         source = _source(".".join(map(str, key)), file, changed)
         kind, suffix = ("mesh ", ".msh") if "mesh" in place else ("", path.suffix)
         message = f"no such {kind}file{_nearest_file(path, suffix)}"
-        raise CaseError(message, file=source, key=_shown(key, raw), value=table["file"])
-    table["file"] = str(path.resolve())
+        raise CaseError(message, file=source, key=_shown(key, raw), value=table[entry])
+    table[entry] = str(path.resolve())
 
 
 def _nearest_file(path: Path, suffix: str, cutoff: float = 0.0) -> str:
