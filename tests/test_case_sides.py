@@ -135,7 +135,7 @@ WRONG = {
     'velocity_expression = ["max(1)", "0"]': "max takes 2 values, found 1",
     'velocity_expression = ["1 / (t * y)", "0"]': "not finite",
     'velocity_expression = ["rates", "0"]\ntable = "rate.csv"': "unknown name 'rates'; did you mean 'rate'?",
-    'velocity_expression = ["1", "0"]\ntable = "none.csv"': "table = 'none.csv': no such file; did you mean 'rate.csv'?",
+    'velocity_expression = ["1", "0"]\ntable = "none.csv"': "table = 'none.csv': no such file; did you mean 'rate.csv'",
     'velocity = [1, 0]\nvelocity_expression = ["1", "0"]': "give velocity or velocity_expression, not both",
     'type = "open"\nbackflow = 2': "backflow",
 }
