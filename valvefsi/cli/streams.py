@@ -52,3 +52,24 @@ def cylinder(
             cells=grid, out=folder, overrides=overrides or [], comm=comm, progress=progress
         )
     show_result(result, comm, folder)
+
+
+@streams.command("channel")
+def channel(
+    grid: Annotated[int, typer.Option("--grid", min=4, help="Cells across on the coarsest grid.")] = 16,
+    refine: Annotated[int, typer.Option(min=0, help="Number of finer grids.")] = 2,
+    overrides: Set = None,
+    out: Out = None,
+) -> None:
+    """Poiseuille and Womersley flow between open sides against their closed forms."""
+    from mpi4py import MPI
+
+    from valvefsi.benchmarks import channel as benchmark
+
+    comm = MPI.COMM_WORLD
+    folder = out if out is not None else Path("results/channel")
+    with Progress(comm, "channel") as progress:
+        result = benchmark.run(
+            cells=grid, refine=refine, out=folder, overrides=overrides or [], comm=comm, progress=progress
+        )
+    show_result(result, comm, folder)

@@ -252,21 +252,74 @@ class Boundary:
             pressures: Pressure by name of the side, in place of its own [dyn/cm^2].
         """
         for place in self.places:
+            if place.is_open and place.here:
+                value = self._side_pressure(place, u, rho, t, pressures)
+                p[place.at(place.outside)] = 2.0 * value - p[place.at(place.inside)]
+
+    def _side_pressure(
+        self, place: _Place, u: Faces, rho: float, t: float, pressures: Mapping[str, float] | None
+    ) -> Array | float:
+        """Pressure on an open side, a number or ``(.., 1, ..)`` of local entries [dyn/cm^2]."""
+        side = place.side.open if isinstance(place.side, Mixed) else place.side
+        given = (pressures or {}).get(place.name, side.pressure)
+        value = given(*self._points(place.axis, place.upper), t) if callable(given) else given
+        if side.backflow > 0.0:
+            outward = u[place.axis][place.at(place.face)] * (1.0 if place.upper else -1.0)
+            value = value - 0.5 * side.backflow * rho * np.square(np.minimum(outward, 0.0))
+        return value
+
+    def extend_pressure(
+        self, p: Array, u: Faces, rho: float, t: float, pressures: Mapping[str, float] | None = None
+    ) -> list[tuple[_Place, Array]]:
+        """Extend the pressure linearly beyond each open side, in place, and return what is missing to the given one.
+
+        The projection adds what is missing. Were it put into the old pressure, a layer of its own would jump at the
+        side, and viscosity would spread the jump.
+
+        Args:
+            p: Pressure of the step before [dyn/cm^2].
+            u: Velocity, for what flows in [cm/s].
+            rho: Density [g/cm^3].
+            t: Time of the given pressures [s].
+            pressures: Pressure by name of the side, in place of its own [dyn/cm^2].
+
+        Returns:
+            Each open side that this rank touches, with the given pressure less the extended one, zero on walls.
+        """
+        missing = []
+        for place in self.places:
             if not place.is_open or not place.here:
                 continue
-            side = place.side.open if isinstance(place.side, Mixed) else place.side
-            given = (pressures or {}).get(place.name, side.pressure)
-            value = given(*self._points(place.axis, place.upper), t) if callable(given) else given
-            if side.backflow > 0.0:
-                outward = u[place.axis][place.at(place.face)] * (1.0 if place.upper else -1.0)
-                value = value - 0.5 * side.backflow * rho * np.square(np.minimum(outward, 0.0))
-            p[place.at(place.outside)] = 2.0 * value - p[place.at(place.inside)]
+            inward = -1 if place.upper else 1
+            widths, gaps = self.grid.widths[place.axis], self.grid.gaps[place.axis]
+            first, second = p[place.at(place.inside)], p[place.at(place.inside + inward)]
+            gap = gaps[place.inside + (1 if inward > 0 else 0)]
+            side = first + (first - second) * (0.5 * widths[place.inside] / gap)
+            p[place.at(place.outside)] = 2.0 * side - first
+            value = self._side_pressure(place, u, rho, t, pressures)
+            missing.append((place, np.where(place.open, value - side, 0.0)))
+        return missing
 
-    def fill_correction(self, phi: Array) -> None:
-        """Set the layer of a correction of the pressure beyond each open side, where it is zero, in place."""
+    def subtract_given(self, r: Array, missing: list[tuple[_Place, Array]]) -> None:
+        """Subtract from the right-hand side on owned cells what given values on open sides add to lap phi, in place."""
+        for place, value in missing:
+            cells = [slice(None)] * 3
+            cells[place.axis] = slice(-1, None) if place.upper else slice(0, 1)
+            owned = [slice(0, 1) if a == place.axis else s for a, s in enumerate(self.grid.owned)]
+            width = self.grid.widths[place.axis][place.inside]
+            r[tuple(cells)] -= 2.0 / width**2 * value[tuple(owned)]
+
+    def fill_correction(self, phi: Array, missing: list[tuple[_Place, Array]] | None = None) -> None:
+        """Set the layer of a correction of the pressure beyond each open side, given there or zero.
+
+        Args:
+            phi: Correction of the pressure; changed in place [dyn/cm^2].
+            missing: Its values on open sides, from `extend_pressure` [dyn/cm^2].
+        """
+        values = {place.name: value for place, value in missing or ()}
         for place in self.places:
             if place.is_open and place.here:
-                phi[place.at(place.outside)] = -phi[place.at(place.inside)]
+                phi[place.at(place.outside)] = 2.0 * values.get(place.name, 0.0) - phi[place.at(place.inside)]
 
     def clear_open_faces(self, N: Faces) -> None:
         """Set the advection term on open faces to zero, in place.

@@ -113,18 +113,20 @@ class NavierStokes:
             Collective. The new velocity is solenoidal to round-off.
         """
         grid, owned = self.grid, self.grid.owned
-        self.boundary.fill_pressure(p, u, self.rho, t + 0.5 * dt, pressures)
+        missing = self.boundary.extend_pressure(p, u, self.rho, t + 0.5 * dt, pressures)
         u_star = self._provisional(u, p, advection, f, t, dt)
         grid.exchange(u_star, width=1)
         self.boundary.fill(u_star, t + dt)
         div = self.divergence(u_star)
         phi = grid.zeros()
-        phi[owned] = self._solve_pressure(div[owned] * (self.rho / dt))
+        r = div[owned] * (self.rho / dt)
+        self.boundary.subtract_given(r, missing)
+        phi[owned] = self._solve_pressure(r)
         p_new = grid.zeros()
         p_new[owned] = p[owned] + phi[owned]
         self._correct_pressure(p_new, div)
         grid.exchange((phi, p_new), width=1)
-        self.boundary.fill_correction(phi)
+        self.boundary.fill_correction(phi, missing)
         self.operators.subtract_gradient(u_star, phi, dt / self.rho)
         return self.fill(u_star, t + dt), p_new
 

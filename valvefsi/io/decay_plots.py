@@ -88,3 +88,37 @@ def forces(
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)
     return path
+
+
+def profiles(path: Path, curves: dict[str, list], *, title: str = "") -> Path:
+    """Draw velocity profiles across a channel, one panel for each flow.
+
+    Args:
+        path: The picture, PNG or PDF.
+        curves: By name of the flow heights ``(n,)``, pairs of time and profile ``(n,)``, and the exact profiles on
+            equal heights from 0 to 1.
+        title: Heading.
+
+    Returns:
+        The path.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 4.2), dpi=160, facecolor="white")
+        for axes, (name, (y, computed, exact)) in zip(
+            figure.subplots(1, len(curves), sharey=True), curves.items(), strict=True
+        ):
+            for number, ((t, u), known) in enumerate(zip(computed, exact, strict=True)):
+                colour = LINES[number % len(LINES)]
+                axes.plot(
+                    known, [k / (len(known) - 1) for k in range(len(known))], color=colour, linewidth=1.2
+                )
+                axes.plot(u, y, ".", color=colour, markersize=4, label=f"t = {t:.3g} s")
+            axes.set(title=name, xlabel="u [cm/s]")
+            axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
+        figure.axes[0].set(ylabel="y [cm]", ylim=(0, 1))
+        figure.suptitle(f"{title}; lines: closed form", x=0.1, ha="left", fontweight="bold")
+        figure.subplots_adjust(top=0.82, bottom=0.14)
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path)
+    return path
