@@ -73,3 +73,24 @@ def channel(
             cells=grid, refine=refine, out=folder, overrides=overrides or [], comm=comm, progress=progress
         )
     show_result(result, comm, folder)
+
+
+@streams.command("cavity")
+def cavity(
+    reynolds: Annotated[int, typer.Option(help="100 or 1000.")] = 100,
+    grid: Annotated[int, typer.Option("--grid", min=8, help="Cells along an edge.")] = 64,
+    overrides: Set = None,
+    out: Out = None,
+) -> None:
+    """Steady flow in a cavity with a sliding lid against a published table."""
+    from mpi4py import MPI
+
+    from valvefsi.benchmarks import cavity as benchmark
+
+    comm = MPI.COMM_WORLD
+    folder = out if out is not None else Path("results/cavity")
+    with Progress(comm, "cavity") as progress:
+        result = benchmark.run(
+            reynolds=reynolds, cells=grid, out=folder, overrides=overrides or [], comm=comm, progress=progress
+        )
+    show_result(result, comm, folder)

@@ -122,3 +122,38 @@ def profiles(path: Path, curves: dict[str, list], *, title: str = "") -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)
     return path
+
+
+def centre_lines(
+    path: Path,
+    curves: dict[str, tuple[NDArray, NDArray]],
+    known: dict[str, tuple[tuple[float, float], ...]],
+    *,
+    title: str = "",
+) -> Path:
+    """Draw velocities on the centre lines of a cavity with published points.
+
+    Args:
+        path: The picture, PNG or PDF.
+        curves: Positions and velocity ``(n,)`` of ``u`` and ``v``.
+        known: Pairs of position and velocity of both.
+        title: Heading.
+
+    Returns:
+        The path.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 3.8), dpi=160, facecolor="white")
+        for axes, (name, (at, values)) in zip(figure.subplots(1, 2), curves.items(), strict=True):
+            points = tuple(zip(*known[name], strict=True))
+            line, marks = ((values, at), points[::-1]) if name == "u" else ((at, values), points)
+            axes.plot(*line, color=LINES[0], label="computed")
+            axes.plot(*marks, "o", color=INK, markersize=3.5, label="Ghia et al. 1982")
+            axes.set(**({"xlabel": "u", "ylabel": "y"} if name == "u" else {"xlabel": "x", "ylabel": "v"}))
+            axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
+        figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
+        figure.subplots_adjust(top=0.86, bottom=0.16, wspace=0.3)
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path)
+    return path
