@@ -12,7 +12,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 # From the bottom to the top; the parts of one layer never import one another.
 LAYERS = [
-    {"units", "errors", "memory", "dolfinx_compat", "grading"},
+    {"units", "errors", "memory", "dolfinx_compat", "grading", "threads"},
     {"grid"},
     {"fluid", "solid", "coupling", "circulation", "geometry", "diagnostics", "io"},
     {"fsi"},

@@ -30,7 +30,7 @@ SHORT = 512
 ROW = 2 * BLOCK
 """Entries in a row of scratch. A constant, for the compiler then knows that rows do not overlap."""
 
-kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
+kernel = numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 inlined = numba.njit(cache=True, forceinline=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 

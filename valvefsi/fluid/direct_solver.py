@@ -122,21 +122,32 @@ class Transpose:
         return self._exchange(x, self.gathered, self.gathered_slices, self.divided, self.divided_slices)
 
     def _exchange(self, x: Array, split: int, pieces: list, join: int, places: list) -> Array:
+        """Each piece is packed once and unpacked once; what stays on this rank is copied straight to its place."""
         rank = self.comm.rank
         shape = list(x.shape)
         shape[split] = pieces[rank].stop - pieces[rank].start
         shape[join] = places[-1].stop
         out = np.empty(shape)
         rest = shape[3 - split - join]
-        sent = [np.ascontiguousarray(x[_at(split, piece)]).ravel() for piece in pieces]
+        thick = x.shape[join]
+        sizes = [rest * thick * (piece.stop - piece.start) for piece in pieces]
         counts = [rest * shape[split] * (place.stop - place.start) for place in places]
-        received = np.empty(sum(counts))
-        self.comm.Alltoallv((np.concatenate(sent), [s.size for s in sent]), (received, counts))
+        sizes[rank] = counts[rank] = 0
+        sent, received = np.empty(sum(sizes)), np.empty(sum(counts))
+        offset = 0
+        for piece, size in zip(pieces, sizes, strict=True):
+            if size:
+                part = x[_at(split, piece)]
+                sent[offset : offset + size].reshape(part.shape)[...] = part
+                offset += size
+        self.comm.Alltoallv((sent, sizes), (received, counts))
+        out[_at(join, places[rank])] = x[_at(split, pieces[rank])]
         offset = 0
         for place, count in zip(places, counts, strict=True):
-            target = out[_at(join, place)]
-            target[...] = received[offset : offset + count].reshape(target.shape)
-            offset += count
+            if count:
+                target = out[_at(join, place)]
+                target[...] = received[offset : offset + count].reshape(target.shape)
+                offset += count
         return out
 
 

@@ -9,7 +9,7 @@ Array = np.ndarray
 BLOCK = 4096
 """Entries that are worked on in several passes before the next ones, as in `valvefsi.fluid.stencils`."""
 
-kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
+kernel = numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
 @kernel

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from valvefsi.fluid import stencils
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.direct_solver import TensorSolver
 from valvefsi.fluid.mixed_side import NormalVelocityCorrection, PressureCorrection
@@ -118,13 +119,11 @@ class NavierStokes:
         grid.exchange(u_star, width=1)
         self.boundary.fill(u_star, t + dt)
         div = self.divergence(u_star)
-        phi = grid.zeros()
         r = div[owned] * (self.rho / dt)
         self.boundary.subtract_given(r, missing)
-        phi[owned] = self._solve_pressure(r)
-        p_new = grid.zeros()
-        p_new[owned] = p[owned] + phi[owned]
-        self._correct_pressure(p_new, div)
+        x = self._solve_pressure(r)
+        phi, p_new = grid.zeros(), grid.zeros()
+        stencils.add_pressure(p_new[owned], phi[owned], p[owned], x, div[owned], self.implicit_viscosity)
         grid.exchange((phi, p_new), width=1)
         self.boundary.fill_correction(phi, missing)
         self.operators.subtract_gradient(u_star, phi, dt / self.rho)
@@ -136,10 +135,10 @@ class NavierStokes:
             return self.mixed_pressure.solve(r)
         return self.pressure_solver.solve(r, 0.0, -1.0)  # 0 - (-1) lap
 
-    def _correct_pressure(self, p: Array, div: Array) -> None:
-        """Add what makes the pressure consistent with Crank-Nicolson viscosity, in place."""
-        owned = self.grid.owned
-        p[owned] -= (0.5 * self.mu) * div[owned]
+    @property
+    def implicit_viscosity(self) -> float:
+        """Viscosity that Crank-Nicolson treats: the pressure must be made consistent with it [dyn s/cm^2]."""
+        return self.mu
 
     def _provisional(
         self, u: Faces, p: Array, advection: tuple[Faces, Faces, float], f: Faces, t: float, dt: float
@@ -218,8 +217,10 @@ class ExplicitViscosity(NavierStokes):
             self.operators.subtract_laplacian(term, q, d, self.mu / self.rho)
         return N
 
-    def _correct_pressure(self, p: Array, div: Array) -> None:
-        """Nothing to add: no viscous term is implicit."""
+    @property
+    def implicit_viscosity(self) -> float:
+        """None: no viscous term is implicit [dyn s/cm^2]."""
+        return 0.0
 
     def _provisional(
         self, u: Faces, p: Array, advection: tuple[Faces, Faces, float], f: Faces, t: float, dt: float

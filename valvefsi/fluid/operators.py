@@ -5,8 +5,11 @@ Two classes with the same methods; `make_operators` picks the one for a grid.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from valvefsi import threads
 from valvefsi.fluid import explicit_kernels, graded_kernels, stencils
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary
@@ -33,17 +36,31 @@ class UniformOperators:
         # Faces of an open upper side lie one further on.
         self.faces = [(first, last + s * boundary.opens_upward(d)) for d, s in enumerate(self.strides)]
 
+    def _divide(self, loop: Callable[[int, int], None], bounds: tuple[int, int]) -> None:
+        """Run a loop over entries in as many parts as there are threads, whole planes each."""
+        threads.divide(loop, *bounds, step=self.strides[0])
+
     def advection(self, u: Faces) -> Faces:
         """Return div(u u) on the faces inside."""
-        flat, out = tuple(c.ravel() for c in u), self.grid.zero_faces()
-        for d in range(self.grid.dim):
-            self.scheme(out[d].ravel(), flat[d], flat, d, self.inv_h, self.strides, self.cells)
+        flat, (first, last) = tuple(c.ravel() for c in u), self.cells
+        out = tuple(np.empty(self.grid.shape) for _ in u)  # the loop writes all from first to last
+        for d, term in enumerate(c.ravel() for c in out):
+            term[:first] = 0.0
+            term[last:] = 0.0
+
+            def loop(a: int, b: int, d: int = d, term: Array = term) -> None:
+                self.scheme(term, flat[d], flat, d, self.inv_h, self.strides, (a, b))
+
+            self._divide(loop, self.cells)
         return out
 
     def subtract_laplacian(self, out: Array, q: Array, d: int, nu: float) -> None:
         """Subtract nu times the second differences of component d."""
         rates = tuple(nu * k * k for k in self.inv_h)
-        explicit_kernels.subtract_laplacian(out.ravel(), q.ravel(), rates, (*self.faces[d], self.strides))
+        arrays = out.ravel(), q.ravel(), rates
+        self._divide(
+            lambda a, b: explicit_kernels.subtract_laplacian(*arrays, (a, b, self.strides)), self.faces[d]
+        )
 
     def momentum(
         self, q: Array, p: Array, terms: tuple, weights: tuple[float, float, float], d: int
@@ -51,40 +68,39 @@ class UniformOperators:
         """Return f - grad p - a N - b N_old + mu lap q on the faces of component d; weights are a, b, mu."""
         a, b, mu = weights
         out = np.empty(self.grid.shape)
-        stencils.momentum(
-            out.ravel(),
-            q.ravel(),
-            p.ravel(),
-            tuple(term.ravel() for term in terms),
-            (a, b, self.inv_h[d], tuple(mu * k * k for k in self.inv_h)),
-            (*self.faces[d], self.strides[d], self.strides),
-        )
+        arrays = out.ravel(), q.ravel(), p.ravel(), tuple(term.ravel() for term in terms)
+        factors = (a, b, self.inv_h[d], tuple(mu * k * k for k in self.inv_h))
+        strides = (self.strides[d], self.strides)
+        self._divide(lambda i, j: stencils.momentum(*arrays, factors, (i, j, *strides)), self.faces[d])
         return out
 
     def advance(self, q: Array, p: Array, terms: tuple, weights: tuple[float, float, float], d: int) -> Array:
         """Return q + k (f - grad p) - a N - b N_old on the faces of component d; weights are k, a, b."""
         out = self.grid.zeros()
-        explicit_kernels.advance(
-            out.ravel(),
-            q.ravel(),
-            p.ravel(),
-            tuple(term.ravel() for term in terms),
-            (*weights, self.inv_h[d]),
-            (*self.faces[d], self.strides[d]),
+        arrays = out.ravel(), q.ravel(), p.ravel(), tuple(term.ravel() for term in terms)
+        factors = (*weights, self.inv_h[d])
+        self._divide(
+            lambda i, j: explicit_kernels.advance(*arrays, factors, (i, j, self.strides[d])), self.faces[d]
         )
         return out
 
     def divergence(self, u: Faces) -> Array:
         """Return the divergence in the owned cells."""
         out = np.empty(self.grid.shape)
-        stencils.divergence(out.ravel(), tuple(c.ravel() for c in u), self.inv_h, self.strides, self.cells)
+        arrays = out.ravel(), tuple(c.ravel() for c in u), self.inv_h, self.strides
+        self._divide(lambda a, b: stencils.divergence(*arrays, (a, b)), self.cells)
         return out
 
     def subtract_gradient(self, u: Faces, phi: Array, factor: float) -> None:
         """Subtract a multiple of the gradient of phi from the faces, in place."""
         for d, q in enumerate(u):
-            bounds = (*self.faces[d], self.strides[d])
-            stencils.subtract_gradient(q.ravel(), phi.ravel(), factor * self.inv_h[d], bounds)
+            arrays, k = (q.ravel(), phi.ravel()), factor * self.inv_h[d]
+            self._divide(
+                lambda a, b, arrays=arrays, k=k, s=self.strides[d]: stencils.subtract_gradient(
+                    *arrays, k, (a, b, s)
+                ),
+                self.faces[d],
+            )
 
 
 class GradedOperators:

@@ -17,7 +17,7 @@ Array = np.ndarray
 BLOCK = 4096
 """Entries that are worked on in several passes before the next ones: what is written stays in the first cache."""
 
-kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
+kernel = numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
 @kernel
@@ -67,6 +67,18 @@ def subtract_gradient(out: Array, phi: Array, factor: float, bounds: tuple) -> N
     o, a, b = out[first:last], phi[first:last], phi[first - sd : last - sd]
     for c in range(last - first):
         o[c] -= factor * (a[c] - b[c])
+
+
+@kernel
+def add_pressure(out: Array, phi: Array, p: Array, x: Array, div: Array, mu: float) -> None:
+    """New pressure out = p + x - mu/2 div and the correction phi = x; x holds inner entries alone, and so do views."""
+    half = 0.5 * mu
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            for k in range(x.shape[2]):
+                value = x[i, j, k]
+                phi[i, j, k] = value
+                out[i, j, k] = p[i, j, k] + value - half * div[i, j, k]
 
 
 @kernel
