@@ -14,17 +14,19 @@ from valvefsi.io.plots import INK, LINES, MUTED, STYLE
 def decay(
     path: Path,
     curves: tuple[NDArray, NDArray, NDArray, NDArray],
-    peak: tuple[float, float] | None,
+    published: tuple[NDArray, NDArray, NDArray] | None,
     *,
     title: str = "",
+    source: str = "published",
 ) -> Path:
-    """Draw energy, its loss and what of the loss the grid resolves, over time.
+    """Draw energy, its loss and what of the loss the grid resolves, over time, with a published curve.
 
     Args:
         path: The picture, PNG or PDF.
         curves: Times, energy, loss and resolved dissipation, ``(n,)`` each.
-        peak: Time and value of the largest loss of a reference, None without one.
+        published: Times, energy and loss of a reference, ``(m,)`` each, None without one.
         title: Heading.
+        source: Label of the reference.
 
     Returns:
         The path.
@@ -37,10 +39,9 @@ def decay(
         above.set_ylabel("kinetic energy")
         below.plot(t, 1e3 * loss, color=LINES[0], label="lost")
         below.plot(t, 1e3 * resolved, color=LINES[1], label="of that resolved by the grid")
-        if peak is not None:
-            below.plot(
-                [peak[0]], [1e3 * peak[1]], "o", color=INK, label="largest loss, pseudo-spectral $512^3$"
-            )
+        if published is not None:
+            above.plot(*published[:2], "--", color=INK, linewidth=1.0)
+            below.plot(published[0], 1e3 * published[2], "--", color=INK, linewidth=1.0, label=source)
         below.set(xlabel="t", ylabel="loss of energy [$10^{-3}$]", xlim=(0, t[-1]), ylim=(0, None))
         below.legend(frameon=False, loc="upper left", labelcolor=MUTED)
         figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
