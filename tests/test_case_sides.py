@@ -117,7 +117,7 @@ def test_a_graded_grid_comes_from_spacings(case):
     loaded = case(replace={text: GRADED})
     grid = build(loaded, Path()).model.grid
     assert grid.uniform == (False, True, True)
-    assert loaded.grid.h == pytest.approx(0.2)
+    assert loaded.grid.spacing == pytest.approx(0.2)
     np.testing.assert_allclose([b for pair in loaded.grid.bounds for b in pair], [-3, 3, -1, 1])
     np.testing.assert_allclose(loaded.grid.fine[0], [-1, 1], atol=1e-9)
 

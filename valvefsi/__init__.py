@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import os
 
-# One process per core is the way this code runs in parallel; threads of the BLAS under it only get in the way.
-# Both must be set before numpy is imported.
+# Threads of the BLAS under this code only get in the way; it has its own, see `valvefsi.threads`, as many as
+# OMP_NUM_THREADS says where that is set. All must be set before numpy is imported.
+if "OMP_NUM_THREADS" in os.environ:
+    os.environ.setdefault("VALVEFSI_THREADS", os.environ["OMP_NUM_THREADS"])
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 

@@ -67,6 +67,20 @@ class Coupling(Protocol):
         ...
 
 
+class Held(Protocol):
+    """What the coupled step asks of a rigid surface: points that stay where they are."""
+
+    name: str
+    """Name in files."""
+
+    X: Array
+    """Positions of this rank's points, ``(num_points, 3)`` [cm]."""
+
+    def force(self, d: Array, U: Array) -> Array:
+        """Forces on the fluid of points carried by d and moving with U, ``(num_points, 3)`` [dyn]."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Model:
     """What does not change during a run.
@@ -77,6 +91,8 @@ class Model:
         solids: The immersed solids.
         couplings: The regularised delta function of each solid.
         circulation: The circuits at open sides; those without one keep their own pressure.
+        rigid: The rigid surfaces.
+        transfers: Transfer of each of them, at its points.
     """
 
     grid: MacGrid
@@ -84,6 +100,8 @@ class Model:
     solids: tuple[Solid, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     circulation: Circulation | None = None
+    rigid: tuple[Held, ...] = ()
+    transfers: tuple[Transfer, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +117,7 @@ class State:
         N: Advection term at t - dt [cm/s^2].
         chi: Position of each solid's nodes at t, ``(num_nodes, 3)`` each [cm].
         circuits: State of the circulation at t, the same on all ranks, ``(num_states,)``.
+        carried: How far the fluid has carried the points of each rigid surface, ``(num_points, 3)`` each [cm].
     """
 
     t: float
@@ -109,6 +128,7 @@ class State:
     N: Faces
     chi: tuple[Array, ...]
     circuits: Array = field(default_factory=lambda: np.zeros(0))
+    carried: tuple[Array, ...] = ()
 
 
 def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | None = None) -> State:
@@ -130,6 +150,7 @@ def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | No
         N=model.fluid.advection(u),
         chi=tuple(solid.X.copy() for solid in model.solids),
         circuits=np.zeros(0) if model.circulation is None else model.circulation.start.copy(),
+        carried=tuple(np.zeros_like(surface.X) for surface in model.rigid),
     )
 
 
@@ -158,6 +179,9 @@ def step(model: Model, s: State, dt: float) -> State:
     f = model.grid.zero_faces()
     for transfer, solid, chi, V in zip(T, model.solids, chi_half, U, strict=True):
         transfer.spread(solid.force(chi, V, s.t + 0.5 * dt), out=f)
+    for surface, transfer, d in zip(model.rigid, model.transfers, s.carried, strict=True):
+        V = transfer.interpolate(s.u)
+        transfer.spread(surface.force(d + 0.5 * dt * V, V), out=f)
     # 3. one fluid step under that force, against the pressures of the circulation
     N = model.fluid.advection(s.u)
     pressures = model.circulation.pressures(s.circuits, s.t) if model.circulation else None
@@ -165,9 +189,14 @@ def step(model: Model, s: State, dt: float) -> State:
     # 4. move the solids the whole step with the midpoint velocity
     u_half = tuple(0.5 * (a + b) for a, b in zip(s.u, u, strict=True))
     chi = tuple(chi + dt * t.interpolate(u_half) for chi, t in zip(s.chi, T, strict=True))
+    carried = tuple(
+        d + dt * transfer.interpolate(u_half) for d, transfer in zip(s.carried, model.transfers, strict=True)
+    )
     # 5. the circulation sees the new flow
     circuits = s.circuits
     if model.circulation:
         flows = {name: model.fluid.boundary.outflow(u_half, name) for name in model.circulation.sides}
         circuits = model.circulation.step(s.circuits, flows, s.t, dt)
-    return State(t=s.t + dt, step=s.step + 1, dt=dt, u=u, p=p, N=N, chi=chi, circuits=circuits)
+    return State(
+        t=s.t + dt, step=s.step + 1, dt=dt, u=u, p=p, N=N, chi=chi, circuits=circuits, carried=carried
+    )

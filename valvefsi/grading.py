@@ -16,6 +16,9 @@ Array = np.ndarray
 LARGEST_RATIO = 1.1
 """Largest ratio of neighbouring widths."""
 
+GROWTH = 0.07
+"""Largest growth from cell to cell beside a core."""
+
 
 def graded_edges(points: Sequence[tuple[float, float]]) -> Array:
     """Return the edges of the cells along an axis.
@@ -55,6 +58,56 @@ def graded_edges(points: Sequence[tuple[float, float]]) -> Array:
     edges = x[0] + np.concatenate([[0.0], np.cumsum(widths)])
     edges[-1] = x[-1]
     return edges
+
+
+def core_edges(lower: float, first: float, last: float, upper: float, h: float) -> Array:
+    """Return the edges of cells of one width in a core and growing ones beside it.
+
+    Args:
+        lower: Lower end of the axis [cm].
+        first: Lower end of the core [cm].
+        last: Upper end of the core [cm].
+        upper: Upper end of the axis [cm].
+        h: Width in the core; the core is widened to a whole number of cells on sides where there is room [cm].
+
+    Raises:
+        ValueError: The core is the whole axis and no whole number of cells, or what is beside it is too short.
+    """
+    count = math.ceil((last - first) / h - 1e-6)
+    lack = count * h - (last - first)
+    open_ends = [lower < first, last < upper]
+    if lack > 1e-6 * h and not any(open_ends):
+        raise ValueError(f"an axis of {last - first:g} cm is not a whole number of cells of {h:g} cm")
+    if lack > 1e-6 * h:
+        first -= lack * open_ends[0] / sum(open_ends)
+        last += lack * open_ends[1] / sum(open_ends)
+    parts = [first + h * np.arange(count + 1)]
+    if open_ends[0]:
+        parts.insert(0, first - _beside(first - lower, h)[::-1])
+    if open_ends[1]:
+        parts.append(last + _beside(upper - last, h))
+    edges = np.concatenate(parts)
+    edges[[0, -1]] = lower, upper
+    _check(lower, np.diff(edges))
+    return edges
+
+
+def _beside(length: float, h: float) -> Array:
+    """Distances from a core's end of edges of cells that grow by one ratio, the last of them the length."""
+    if length < 2.0 * h:
+        raise ValueError(f"a stretch of {length:.4g} cm beside the core is too short for cells of {h:g} cm")
+
+    def ends(ratio: float, n: int) -> Array:
+        return h * np.cumsum(ratio ** np.arange(1, n + 1))
+
+    n = 1
+    while ends(1.0 + GROWTH, n)[-1] < length:
+        n += 1
+    low, high = 0.9, 1.0 + GROWTH
+    for _ in range(60):  # the sum grows with the ratio
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if ends(middle, n)[-1] < length else (low, middle)
+    return ends(high, n)
 
 
 def _growing(length: float, first: float, last: float) -> Array:

@@ -81,6 +81,10 @@ def save_state(model: Model, state: State, output: Output, *, finished: bool = F
         f"chi_{k}_{solid.name}": checkpoint.Rows(chi, solid.ids, solid.num_nodes)
         for k, (solid, chi) in enumerate(zip(model.solids, state.chi, strict=True))
     }
+    rows |= {
+        f"carried_{k}_{surface.name}": checkpoint.Rows(d, surface.ids, surface.num_nodes)
+        for k, (surface, d) in enumerate(zip(model.rigid, state.carried, strict=True))
+    }
     meta = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
     meta["circuits"] = [float(value) for value in state.circuits]
     meta["provenance"] = dict(output.provenance)
@@ -97,6 +101,8 @@ def load_state(model: Model, output: Output) -> State | None:
     request = {name: (grid.start, tuple(s.stop - s.start for s in place)) for name, place in places.items()}
     names = [f"chi_{k}_{solid.name}" for k, solid in enumerate(model.solids)]
     rows = {name: solid.ids for name, solid in zip(names, model.solids, strict=True)}
+    held = {f"carried_{k}_{surface.name}": surface.ids for k, surface in enumerate(model.rigid)}
+    rows |= held
     found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm)
     if found is None:
         return None
@@ -115,6 +121,7 @@ def load_state(model: Model, output: Output) -> State | None:
         N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),
         chi=tuple(points[name] for name in names),
         circuits=np.array(meta["circuits"]),
+        carried=tuple(points[name] for name in held),
     )
 
 

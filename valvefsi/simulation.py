@@ -341,4 +341,9 @@ def timed(model: Model, table: dict[str, float]) -> Model:
         solids=tuple(Timed(s, table, {"force": "elastic force"}) for s in model.solids),
         couplings=tuple(TimedCoupling(c, table) for c in model.couplings),
         circulation=model.circulation,
+        rigid=model.rigid,
+        transfers=tuple(
+            Timed(t, table, {"spread": "rigid surfaces", "interpolate": "rigid surfaces"})
+            for t in model.transfers
+        ),
     )

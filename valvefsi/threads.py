@@ -20,7 +20,7 @@ LEAST = 1 << 16
 
 @functools.cache
 def count() -> int:
-    """Return how many threads a rank has: ``VALVEFSI_THREADS`` if set, or its share of the cores of this process."""
+    """Return how many threads a rank has: ``VALVEFSI_THREADS`` or ``OMP_NUM_THREADS``, or its share of the cores."""
     given = os.environ.get("VALVEFSI_THREADS", "")
     if given.isdigit() and int(given) > 0:
         return int(given)

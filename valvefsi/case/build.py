@@ -15,6 +15,7 @@ from valvefsi.case.fibres import add_fibres
 from valvefsi.case.materials import make_material, say_provenance
 from valvefsi.case.models import Case, Mesh, Solid
 from valvefsi.case.sides import build_fluid, build_grid
+from valvefsi.case.valve import build_rigid, valve_mesh
 from valvefsi.case.writing import to_dict, to_toml
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
@@ -52,8 +53,15 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
     fluid = build_fluid(case, grid)
     solids = tuple(build_solid(case, number, comm) for number in range(len(case.solid)))
     couplings = tuple(_coupling(grid, *pair) for pair in zip(case.solid, solids, strict=True))
+    rigid, transfers = build_rigid(case, grid)
     model = Model(
-        grid=grid, fluid=fluid, solids=solids, couplings=couplings, circulation=build_circulation(case)
+        grid=grid,
+        fluid=fluid,
+        solids=solids,
+        couplings=couplings,
+        circulation=build_circulation(case),
+        rigid=rigid,
+        transfers=transfers,
     )
     return Simulation(model, _schedule(case), _output(case, out, grid))
 
@@ -121,7 +129,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
     """Mesh one solid of a case and build it. Collective."""
     given = case.solid[number]
     try:
-        mesh = build_mesh(given.mesh, case.file, comm)
+        mesh = build_mesh(given.mesh, case.file, comm, case.grid.spacing)
     except CaseError as error:
         key = f"solid.{given.name}.mesh" + (f".{error.key}" if error.key else "")
         raise CaseError(error.reason, file=error.file or case.file, key=key, value=error.value) from None
@@ -179,8 +187,10 @@ def _loads(solid: Solid) -> list[DeadLoad]:
     ]
 
 
-def build_mesh(mesh: Mesh, case_file: Path | None, comm: MPI.Comm) -> meshes.SolidMesh:
-    """Read or make the mesh of a solid. Collective."""
+def build_mesh(mesh: Mesh, case_file: Path | None, comm: MPI.Comm, h: float) -> meshes.SolidMesh:
+    """Read or make the mesh of a solid in a grid of spacing h. Collective."""
+    if mesh.valve is not None:
+        return valve_mesh(mesh.valve, h, comm)
     if mesh.file is not None:
         return meshes.read_mesh((case_file.parent if case_file else Path()) / mesh.file, comm)
     options = {"lower": mesh.lower, "size": mesh.size, "elements": mesh.elements}

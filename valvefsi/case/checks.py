@@ -51,6 +51,7 @@ def check_case(case: Case) -> None:
             )
         names.append(solid.name)
         _check_solid(case, solid, key)
+    _check_housing(case)
     if case.dt > case.time.t_end:
         raise CaseError(
             f"expected at least one time step, {case.dt:g} s", key="time.t_end", value=case.time.t_end
@@ -78,6 +79,8 @@ def check_against_mesh(
         _check_tags(solid, key, tags)
         mesh_key = f"{key}.mesh.lower" if solid.mesh.shape else f"{key}.mesh.file"
         value = [float(x) for x in lower[: case.grid.dim]] if solid.mesh.shape else solid.mesh.file
+        if solid.mesh.valve is not None:
+            mesh_key, value = f"{key}.mesh.valve", solid.mesh.valve.type
         _check_place(case, solid, (lower, upper), mesh_key, value)
         _check_probes(solid, key, lower, upper)
     except CaseError as error:
@@ -131,6 +134,12 @@ def _check_solid(case: Case, solid: Solid, key: str) -> None:
             raise CaseError("two probes have this name", key=f"{key}.probe.{number}.name", value=probe.name)
         probes.append(probe.name)
     mesh = solid.mesh
+    if mesh.valve is not None:
+        from valvefsi.case.valve_tables import VALVE_TAGS
+
+        if dim != 3:
+            raise CaseError("a valve needs three dimensions", key=f"{key}.mesh.valve")
+        _check_tags(solid, key, VALVE_TAGS)
     if mesh.shape is not None:
         if mesh.shape_dim != dim:
             fits = "'box'" if dim == 3 else "'rectangle' or 'compressed_block'"
@@ -143,6 +152,31 @@ def _check_solid(case: Case, solid: Solid, key: str) -> None:
         _check_tags(solid, key, SHAPES[mesh.shape][1])
         _check_place(case, solid, (mesh.lower, upper), f"{key}.mesh.lower", list(mesh.lower))
         _check_probes(solid, key, mesh.lower, upper)
+
+
+def _check_housing(case: Case) -> None:
+    """A housing is in space, and its stent is that of a solid with a valve."""
+    housing = case.housing
+    if housing is None:
+        return
+    if case.grid.dim != 3:
+        raise CaseError("a housing needs three dimensions", key="housing")
+    valves = {solid.name: solid.mesh.valve for solid in case.solid if solid.mesh.valve is not None}
+    if housing.stent is None:
+        return
+    if housing.stent not in valves:
+        raise CaseError(
+            f"no solid with a valve has this name{nearest(housing.stent, sorted(valves))}",
+            key="housing.stent",
+            value=housing.stent,
+        )
+    valve = valves[housing.stent]
+    if valve.base < housing.annulus:
+        raise CaseError(
+            "the leaflets' attachment begins below the housing's annulus",
+            key="housing.annulus",
+            value=housing.annulus,
+        )
 
 
 def _check_length(value: Sequence[float], dim: int, key: str) -> None:
@@ -165,7 +199,7 @@ def _check_place(
     case: Case, solid: Solid, box: tuple[Sequence[float], Sequence[float]], key: str, value: object
 ) -> None:
     """Keep a solid inside the box, and as far from its walls and from graded cells as the kernel reaches."""
-    grid, reach = case.grid, REACH[solid.kernel] * case.grid.h
+    grid, reach = case.grid, REACH[solid.kernel] * case.grid.spacing
     for axis in range(grid.dim):
         bounds, fine = grid.bounds[axis], grid.fine[axis]
         if case.fluid.sides.periodic(axis) and fine == bounds:

@@ -37,7 +37,8 @@ def draw_fibres(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> list[
     for solid in case.solid:
         if not solid.fibre:
             continue
-        mesh = add_fibres(build_mesh(solid.mesh, case.file, comm), solid.fibre, f"solid.{solid.name}")
+        mesh = build_mesh(solid.mesh, case.file, comm, case.grid.spacing)
+        mesh = add_fibres(mesh, solid.fibre, f"solid.{solid.name}")
         for fibre in solid.fibre:
             found = on_root(mesh, fibre.name)
             if found is None:

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from valvefsi.case.expressions import Expression
 from valvefsi.case.quantities import Density, Length, Stress, Velocity, Viscosity
 from valvefsi.case.table import Table, problem
-from valvefsi.grading import graded_edges
+from valvefsi.grading import core_edges, graded_edges
 
 SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
 Spacings = tuple[tuple[Length, Annotated[Length, Field(gt=0)]], ...]
@@ -27,6 +27,16 @@ class Grid(Table):
     cells: tuple[Annotated[int, Field(ge=4)], ...] = Field(
         (), description="Cells along each axis, at least 4; the spacing must be the same on all axes"
     )
+    h: Length | None = Field(
+        None,
+        gt=0,
+        description="Spacing in the core of the box, instead of cells; outside the core cells grow",
+        examples=["1 mm"],
+    )
+    core_lower: tuple[Length, ...] = Field(
+        (), description="h only: lower corner of the core, the box's when left out"
+    )
+    core_upper: tuple[Length, ...] = Field((), description="h only: upper corner of the core")
     x: Spacings = Field(
         (),
         description="Positions along x with the spacings wanted there, instead of lower, upper and cells; the "
@@ -40,6 +50,8 @@ class Grid(Table):
     def _check(self) -> Self:
         if any((self.x, self.y, self.z)):
             return self._check_graded()
+        if self.h is not None:
+            return self._check_core()
         if len(self.lower) not in (2, 3):
             raise problem("expected 2 or 3 entries", "lower", list(self.lower))
         for key in ("upper", "cells"):
@@ -64,9 +76,11 @@ class Grid(Table):
         return self
 
     def _check_graded(self) -> Self:
-        for key in ("lower", "upper", "cells"):
+        for key in ("lower", "upper", "cells", "core_lower", "core_upper"):
             if getattr(self, key):
                 raise problem("give x, y, z or lower, upper, cells, not both", key, list(getattr(self, key)))
+        if self.h is not None:
+            raise problem("give x, y, z or h, not both", "h", self.h)
         for key, value in (("x", self.x), ("y", self.y)):
             if not value:
                 raise problem(
@@ -88,22 +102,53 @@ class Grid(Table):
             )
         return self
 
+    def _check_core(self) -> Self:
+        if len(self.lower) not in (2, 3):
+            raise problem("expected 2 or 3 entries", "lower", list(self.lower))
+        if self.cells:
+            raise problem("give h or cells, not both", "cells", list(self.cells))
+        for key in ("upper", "core_lower", "core_upper"):
+            value = getattr(self, key)
+            if (value or key == "upper") and len(value) != self.dim:
+                raise problem(f"expected {self.dim} entries as in lower", key, list(value))
+        corners = (self.lower, *self._core, self.upper)
+        for a, b, key in zip(corners, corners[1:], ("core_lower", "core_upper", "upper"), strict=False):
+            if not all(x <= y for x, y in zip(a, b, strict=True)):
+                raise problem("expected lower <= core_lower < core_upper <= upper", key, list(b))
+        try:
+            edges = self.edges
+        except ValueError as error:
+            raise problem(str(error), "h", self.h) from None
+        if min(len(e) for e in edges) < 5:
+            raise problem("expected at least 4 cells along each axis", "h", self.h)
+        return self
+
+    @property
+    def _core(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        return self.core_lower or self.lower, self.core_upper or self.upper
+
     @property
     def graded(self) -> bool:
         """Whether the grid is given by spacings."""
-        return bool(self.x)
+        return bool(self.x) or any(
+            np.ptp(np.diff(e)) > 1e-9 * np.diff(e).min() for e in (self.edges if self.h is not None else ())
+        )
 
     @cached_property
     def edges(self) -> list[np.ndarray]:
         """Edges of the cells along each axis [cm]."""
-        if self.graded:
+        if self.h is not None:
+            return [
+                core_edges(*ends, self.h) for ends in zip(self.lower, *self._core, self.upper, strict=True)
+            ]
+        if self.x:
             return [graded_edges(points) for points in (self.x, self.y, self.z) if points]
         return [np.linspace(a, b, n + 1) for a, b, n in zip(self.lower, self.upper, self.cells, strict=True)]
 
     @property
     def dim(self) -> int:
         """Number of dimensions."""
-        return len(self.edges) if self.graded else len(self.lower)
+        return len(self.edges) if self.x else len(self.lower)
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
@@ -122,8 +167,10 @@ class Grid(Table):
         return fine
 
     @property
-    def h(self) -> float:
+    def spacing(self) -> float:
         """Grid spacing, the smallest on a graded grid [cm]."""
+        if self.h is not None:
+            return self.h
         if self.graded:
             return float(min(np.diff(e).min() for e in self.edges))
         return (self.upper[0] - self.lower[0]) / self.cells[0]

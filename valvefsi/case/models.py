@@ -22,6 +22,7 @@ from valvefsi.case.quantities import (
     Time,
 )
 from valvefsi.case.table import Name, Table, problem
+from valvefsi.case.valve_tables import Housing, ValveShape
 from valvefsi.errors import CaseError
 
 Axis = Literal["x", "y", "z"]
@@ -85,7 +86,7 @@ class TimeStepping(Table):
 
 
 class Mesh(Table):
-    """Where the mesh of a solid comes from: a gmsh file, or a shape that valvefsi meshes."""
+    """Where the mesh of a solid comes from: a gmsh file, a shape that valvefsi meshes, or a valve."""
 
     file: str | None = Field(
         None,
@@ -109,12 +110,17 @@ class Mesh(Table):
         examples=["10 cm"],
     )
 
+    valve: ValveShape | None = Field(None, description="Leaflets of a valve; or give file or shape")
+
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.file is None) == (self.shape is None):
-            found = "neither is given" if self.file is None else "both are given"
-            raise problem(f"give file or shape; {found}", "shape", self.shape)
-        if self.file is not None:
+        given = [key for key in ("file", "shape", "valve") if getattr(self, key) is not None]
+        if len(given) != 1:
+            found = (
+                "neither is given" if not given else "both are given" if len(given) == 2 else "all are given"
+            )
+            raise problem(f"give file, shape or valve; {found}", "shape", self.shape)
+        if self.shape is None:
             return self
         dim = self.shape_dim
         for key in ("lower", "size", "elements"):
@@ -285,6 +291,7 @@ class Case(Table):
     output: Output = Field(Output(), description="Output")
     circuit: tuple[CircuitTable, ...] = Field((), description="Circuits of the flow loop")
     solid: tuple[Solid, ...] = Field((), description="Solids")
+    housing: Housing | None = Field(None, description="Rigid aortic test section")
     _file: Path | None = PrivateAttr(None)
 
     @model_validator(mode="after")
@@ -305,4 +312,4 @@ class Case(Table):
     @property
     def dt(self) -> float:
         """Time step [s]."""
-        return self.time.step(self.grid.h)
+        return self.time.step(self.grid.spacing)

@@ -28,9 +28,11 @@ def build_grid(case: Case, comm: MPI.Comm) -> MacGrid:
     try:
         if grid.graded:
             return MacGrid.graded(grid.edges, periodic, comm)
-        return MacGrid(grid.lower, grid.upper, grid.cells, periodic, comm)
+        counts = [len(edges) - 1 for edges in grid.edges]
+        return MacGrid(grid.lower, grid.upper, counts, periodic, comm)
     except ValueError as error:
-        key, value = ("grid.x", list(grid.x)) if grid.graded else ("grid.cells", list(grid.cells))
+        key = "grid.h" if grid.h is not None else "grid.x" if grid.x else "grid.cells"
+        value = grid.h if grid.h is not None else list(grid.x or grid.cells)
         raise CaseError(str(error), file=case.file, key=key, value=value) from None
 
 

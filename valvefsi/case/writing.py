@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
@@ -88,6 +88,9 @@ def _table(table: Table, path: tuple[str, ...], *, comments: bool) -> list[str]:
         elif isinstance(value, tuple) and value and isinstance(value[0], Table):
             for item in value:
                 inner += _section(item, (*path, key), "[[{}]]", comments)
+        elif comments and value is None and (kind := _table_of(field)) is not None:
+            default = kind()
+            inner += [_commented(line) for line in _section(default, (*path, key), "[{}]", comments)]
         elif comments or value not in (None, (), {}) or key == "nu_stab":
             lines += [_comment(table, key, field)] if comments else []
             lines.append(_line(table, key, field, value))
@@ -97,6 +100,16 @@ def _table(table: Table, path: tuple[str, ...], *, comments: bool) -> list[str]:
             lines += [f"# Parameter of {table.model}{unit}"] if comments else []
             lines.append(f"{key} = {_text(value, table.unit(key))}")
     return lines + inner
+
+
+def _table_of(field: FieldInfo) -> type[Table] | None:
+    """Return the kind of table that an optional field holds, None where it holds no table."""
+    kinds = [k for k in get_args(field.annotation) if isinstance(k, type) and issubclass(k, Table)]
+    return kinds[0] if kinds else None
+
+
+def _commented(line: str) -> str:
+    return line if not line or line.startswith("#") else f"# {line}"
 
 
 def _section(table: Table, path: tuple[str, ...], heading: str, comments: bool) -> list[str]:

@@ -45,6 +45,10 @@ class Coupling:
         fine = np.array(grid.fine[:dim])
         self.low = np.where(free, fine[:, 0] + margin, -np.inf)
         self.high = np.where(free, fine[:, 1] - margin, np.inf)
+        # Half a spacing nearer to a side the kernel still meets no face beyond it, only those on it.
+        at_side = np.isclose(fine, np.array([grid.lower[:dim], grid.upper[:dim]]).T, rtol=0.0, atol=1e-9)
+        nearer = 0.5 * grid.spacing[:dim, None] * at_side
+        self.low_rigid, self.high_rigid = self.low - nearer[:, 0], self.high + nearer[:, 1]
 
     def at(self, chi: Array) -> Transfer:
         """Prepare spreading and interpolation for points at chi.
@@ -59,21 +63,40 @@ class Coupling:
         Note:
             Collective.
         """
-        dim = self.grid.dim
-        place = chi[:, :dim]
-        inside = (place >= self.low) & (place <= self.high) & np.isfinite(place)
-        problem = None
-        if not inside.all():
-            worst = place[~inside.all(axis=1)][0]
-            problem = (
-                f"a point of the solid at {np.array2string(worst, precision=4)} cm is lost or within "
-                f"{self.reach:g} spacings of a side or of graded cells (kernel {self.name})"
-            )
-        return Transfer(self, self._wrap(place) if problem is None else None, len(chi), problem)
+        place, problem = self._check(chi, self.low, self.high)
+        return Transfer(self, place, len(chi), problem)
 
-    def _edge(self) -> str:
-        """What a point must keep away from, in words."""
-        return "a side" if all(self.grid.uniform) else "a side or of cells that are not of the smallest width"
+    def _check(self, chi: Array, low: Array, high: Array) -> tuple[Array | None, str | None]:
+        """Return the places of points in the box, or what is wrong with them."""
+        place = chi[:, : self.grid.dim]
+        slack = 1e-9 * self.grid.spacing[0]
+        inside = (place >= low - slack) & (place <= high + slack) & np.isfinite(place)
+        if inside.all():
+            return self._wrap(place), None
+        worst = place[~inside.all(axis=1)][0]
+        return None, (
+            f"a point of the solid at {np.array2string(worst, precision=4)} cm is lost or within "
+            f"{self.reach:g} spacings of a side or of graded cells (kernel {self.name})"
+        )
+
+    def own(self, points: Array) -> np.ndarray:
+        """Return the numbers of the points, the same on all ranks, that lie in this rank's cells, ``(n,)``."""
+        return np.flatnonzero(self.owners(self._wrap(points[:, : self.grid.dim])) == self.grid.comm.rank)
+
+    def stay(self, chi: Array) -> Transfer:
+        """Prepare spreading and interpolation for points that stay in this rank's cells, see `own`.
+
+        Args:
+            chi: Positions of this rank's points, ``(num_points, 3)`` [cm].
+
+        Raises:
+            StabilityError: As in `at`, but on the rank of the point, and up to half a spacing nearer to a side:
+                forces on the faces of a side are the side's to bear.
+        """
+        place, problem = self._check(chi, self.low_rigid, self.high_rigid)
+        if problem is not None:
+            raise StabilityError(problem)
+        return Transfer(self, place, len(chi), None, moving=False)
 
     def _wrap(self, place: Array) -> Array:
         grid = self.grid
@@ -98,14 +121,16 @@ class Coupling:
 
 
 class Transfer:
-    """Spreading and interpolation for one position of the points; made by `Coupling.at`."""
+    """Spreading and interpolation for one position of the points; made by `Coupling.at` and `Coupling.stay`."""
 
-    def __init__(self, coupling: Coupling, place: Array | None, count: int, problem: str | None) -> None:
+    def __init__(
+        self, coupling: Coupling, place: Array | None, count: int, problem: str | None, *, moving: bool = True
+    ) -> None:
         self.coupling, self.count = coupling, count
         comm = coupling.grid.comm
-        self.route = (
-            Route(comm, coupling.owners(place) if place is not None else None) if comm.size > 1 else None
-        )
+        self.route = None
+        if comm.size > 1 and moving:
+            self.route = Route(comm, coupling.owners(place) if place is not None else None)
         failed = self.route.failed if self.route else problem is not None
         if failed:
             raise StabilityError(_first_problem(comm, problem))

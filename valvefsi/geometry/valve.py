@@ -12,9 +12,11 @@ import numpy as np
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
     from numpy.typing import NDArray
 
     from valvefsi.geometry.leaflets import ValveGeometry
+    from valvefsi.geometry.mesh import SolidMesh
 
     Array = NDArray[np.float64]
     Cells = NDArray[np.int64]
@@ -181,6 +183,13 @@ def write_valve(path: str | Path, mesh: ValveMesh) -> Path:
             gmsh.view.addHomogeneousModelData(view, 0, model, "ElementData", tags, vectors.ravel(), 0.0, 3)
             gmsh.view.write(view, str(path), append=True)
     return path
+
+
+def distribute(mesh: ValveMesh, comm: MPI.Comm) -> SolidMesh:
+    """Return a valve's mesh as DOLFINx has it, with the tags of `write_valve`. Collective; rank 0's is taken."""
+    from valvefsi.geometry.mesh import mesh_from_gmsh
+
+    return mesh_from_gmsh(lambda gmsh: _to_gmsh(gmsh, mesh), comm, source="valve")
 
 
 def _to_gmsh(gmsh: object, mesh: ValveMesh) -> None:

@@ -1,0 +1,82 @@
+"""From the tables of a valve and its test section to meshes and rigid surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mpi4py import MPI
+
+from valvefsi.case.models import Case
+from valvefsi.case.valve_tables import ValveShape
+from valvefsi.coupling.transfer import Coupling, Transfer
+from valvefsi.errors import CaseError, StabilityError, raise_together
+from valvefsi.geometry.aortic_section import joined
+from valvefsi.geometry.mesh import SolidMesh
+from valvefsi.geometry.valve import ValveMesh, distribute, mesh_valve
+from valvefsi.grid import MacGrid
+from valvefsi.planning import largest_square_sum
+from valvefsi.solid import fibres
+from valvefsi.solid.rigid import RigidSurface
+
+KERNEL = "piecewise_linear"
+"""Kernel of rigid surfaces (S15)."""
+
+
+def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
+    """Mesh the leaflets of a valve for a grid of spacing h, with fibre fields fibre_1, ... and fibre, the first.
+
+    Note:
+        Collective.
+    """
+    made = moved(mesh_valve(shape.geometry(), size=shape.ratio * h, layers=shape.layers), shape.base)
+    mesh = distribute(made, comm)
+    middles = made.points[made.cells].mean(axis=1)
+    fields = {name: fibres.from_cells(mesh, middles, vectors) for name, vectors in made.fibres.items()}
+    return mesh.with_fibres(**fields, fibre=fields["fibre_1"])
+
+
+def moved(mesh: ValveMesh, z: float) -> ValveMesh:
+    """Return a valve's mesh, moved along its axis."""
+    return replace(mesh, points=mesh.points + [0.0, 0.0, z])
+
+
+def build_rigid(case: Case, grid: MacGrid) -> tuple[tuple[RigidSurface, ...], tuple[Transfer, ...]]:
+    """Build the housing of a case, with its stent.
+
+    Springs and dampers are a given part of what an explicit step carries on the mass that the kernel moves, see
+    `valvefsi.planning`.
+
+    Raises:
+        CaseError: The housing does not fit into the part of the box that has cells of the smallest width.
+
+    Note:
+        Collective.
+    """
+    housing = case.housing
+    if housing is None:
+        return (), ()
+    h, (low, high) = case.grid.spacing, case.grid.bounds[2]
+    section = housing.section()
+    surfaces = [section.housing(h, (low + 0.5 * h, high - 0.5 * h))]
+    if housing.stent is not None:
+        shape = next(solid.mesh.valve for solid in case.solid if solid.name == housing.stent)
+        surfaces.append(section.stent(h, shape.geometry(), shape.base))
+    surface = joined(*surfaces)
+    coupling = Coupling(grid, KERNEL)
+    share = housing.hold * case.fluid.density * h / largest_square_sum(KERNEL)
+    rigid = RigidSurface(
+        surface.points,
+        surface.areas,
+        coupling.own(surface.points),
+        name="housing",
+        stiffness=share / case.dt**2,
+        damping=share / case.dt,
+    )
+    problem = transfer = None
+    try:
+        transfer = coupling.stay(rigid.X)
+    except StabilityError as error:
+        message = f"the housing does not fit into the core of the box: {error}"
+        problem = CaseError(message, file=case.file, key="housing", value=f"radius {section.widest:.4g} cm")
+    raise_together(grid.comm, problem)
+    return (rigid,), (transfer,)
