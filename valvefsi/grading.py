@@ -94,16 +94,21 @@ def core_edges(lower: float, first: float, last: float, upper: float, h: float) 
 
 def _beside(length: float, h: float) -> Array:
     """Distances from a core's end of edges of cells that grow by one ratio, the last of them the length."""
-    if length < 2.0 * h:
+    if length < h * (1.0 - 1e-9):
         raise ValueError(f"a stretch of {length:.4g} cm beside the core is too short for cells of {h:g} cm")
 
     def ends(ratio: float, n: int) -> Array:
         return h * np.cumsum(ratio ** np.arange(1, n + 1))
 
     n = 1
-    while ends(1.0 + GROWTH, n)[-1] < length:
+    while ends(1.0 + GROWTH, n)[-1] < length * (1.0 - 1e-9):
         n += 1
-    low, high = 0.9, 1.0 + GROWTH
+    if n * h > length * (1.0 + 1e-9):
+        raise ValueError(
+            f"a stretch of {length:.4g} cm beside the core is not filled by cells that grow from {h:g} cm; "
+            f"{n * h:.4g} cm would do"
+        )
+    low, high = 1.0, 1.0 + GROWTH
     for _ in range(60):  # the sum grows with the ratio
         middle = 0.5 * (low + high)
         low, high = (middle, high) if ends(middle, n)[-1] < length else (low, middle)

@@ -19,6 +19,12 @@ from valvefsi.io.history import History
 from valvefsi.io.paraview import BodySeries, FluidSeries, SolidSeries
 from valvefsi.units import MMHG
 
+VTK_FACES = {
+    10: [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]],
+    12: [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]],
+}
+"""Corners of the faces of a cell, by its VTK type."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Probe:
@@ -36,6 +42,19 @@ class Probe:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Orifice:
+    """A valve whose open area, seen along z, the history follows.
+
+    Attributes:
+        solid: Index of the leaflets.
+        radius: Of the orifice about the z axis [cm].
+    """
+
+    solid: int
+    radius: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Output:
     """What is written, where and how often.
 
@@ -47,6 +66,7 @@ class Output:
         checkpoint_wall_s: Wall-clock time between checkpoints, 0 for none by the clock [s].
         keep_checkpoints: Number of checkpoints to keep.
         probes: Nodes to follow.
+        orifice: Valve whose open area the history holds.
         sections: Planes and disks by name whose flow and mean pressure the history holds.
         dissipation: Whether the history holds the viscous dissipation of the box.
         stress: Names of the stresses and strains written beside the frames, as a series ``NAME_stress``; see
@@ -61,6 +81,7 @@ class Output:
     checkpoint_wall_s: float = 0.0
     keep_checkpoints: int = 2
     probes: tuple[Probe, ...] = ()
+    orifice: Orifice | None = None
     sections: Mapping[str, Section] = field(default_factory=dict)
     dissipation: bool = False
     stress: tuple[str, ...] = ()
@@ -142,6 +163,15 @@ def grid_part(array: Array, place: tuple[slice, ...]) -> Array:
     return np.ascontiguousarray(array[place])
 
 
+def surface_triangles(kind: int, cells: Array) -> Array:
+    """Return the faces of hexahedra (VTK 12) or tetrahedra (VTK 10) that belong to one cell alone, as triangles."""
+    sides = VTK_FACES[kind]
+    faces = cells[:, sides].reshape(-1, len(sides[0]))
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    outer = faces[first[count == 1]]
+    return outer if outer.shape[1] == 3 else np.concatenate([outer[:, [0, 1, 2]], outer[:, [0, 2, 3]]])
+
+
 def _edges(grid: MacGrid) -> list[Array]:
     """Edges of all cells along each axis, three of ``(cells + 1,)`` [cm]."""
     return [
@@ -177,6 +207,8 @@ class Recorder:
             ]
         for probe, _, _ in self.probes:
             columns += [f"u_{axis}_{probe.name}_cm" for axis in "xyz"[: grid.dim]]
+        if output.orifice is not None:
+            columns.append("pdva_cm2")
         if output.dissipation:
             columns.append("dissipation_erg_per_s")
         for name in output.sections:
@@ -221,7 +253,21 @@ class Recorder:
             chi = state.chi[probe.solid]
             shift = solid.position_of(node, chi) - start
             row |= {f"u_{axis}_{probe.name}_cm": shift[a] for a, axis in enumerate("xyz"[: grid.dim])}
-        return row | self._read_off(state) | self._circuits(state)
+        return row | self._open_area(state) | self._read_off(state) | self._circuits(state)
+
+    def _open_area(self, state: State) -> dict[str, float]:
+        """Projected dynamic valve area of the orifice. Collective."""
+        orifice = self.output.orifice
+        if orifice is None:
+            return {}
+        found = self.model.solids[orifice.solid].cells_on_root(state.chi[orifice.solid])
+        area = None
+        if found is not None:
+            points, cells, _ = found
+            triangles = np.concatenate([surface_triangles(kind, nodes) for kind, nodes in cells.items()])
+            view = {"axis": np.array([0.0, 0.0, 1.0]), "centre": np.zeros(3), "radius": orifice.radius}
+            area = diagnostics.projected_area(points, triangles, rows=128, **view).open_area
+        return {"pdva_cm2": self.model.grid.comm.bcast(area)}
 
     def _circuits(self, state: State) -> dict[str, float]:
         """Flow out of the box through each side with a circuit, and the pressure outside it. Collective."""

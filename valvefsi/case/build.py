@@ -15,7 +15,8 @@ from valvefsi.case.fibres import add_fibres
 from valvefsi.case.materials import make_material, say_provenance
 from valvefsi.case.models import Case, Mesh, Solid
 from valvefsi.case.sides import build_fluid, build_grid
-from valvefsi.case.valve import build_rigid, valve_mesh
+from valvefsi.case.valve import build_rigid, find_orifice, valve_mesh
+from valvefsi.case.valve_report import report_valve
 from valvefsi.case.writing import to_dict, to_toml
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
@@ -121,6 +122,7 @@ def run_case(
     last = simulation.pictures(outcome.state, title=case.title)
     result = {"last": last, "timing": outcome.timing(simulation.model.grid)}
     if comm.rank == 0:
+        result |= report_valve(case, Path(out))
         (Path(out) / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
     return result
 
@@ -244,6 +246,7 @@ def _output(case: Case, out: Path, grid: MacGrid) -> Output:
         checkpoint_wall_s=case.output.checkpoint_wall,
         keep_checkpoints=case.output.keep_checkpoints,
         probes=probes,
+        orifice=find_orifice(case),
         sections=_sections(case, grid),
         dissipation=case.output.dissipation,
         stress=case.output.stress,

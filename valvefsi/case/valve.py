@@ -15,6 +15,7 @@ from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.geometry.valve import ValveMesh, distribute, mesh_valve
 from valvefsi.grid import MacGrid
 from valvefsi.planning import largest_square_sum
+from valvefsi.recording import Orifice
 from valvefsi.solid import fibres
 from valvefsi.solid.rigid import RigidSurface
 
@@ -38,6 +39,14 @@ def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
 def moved(mesh: ValveMesh, z: float) -> ValveMesh:
     """Return a valve's mesh, moved along its axis."""
     return replace(mesh, points=mesh.points + [0.0, 0.0, z])
+
+
+def find_orifice(case: Case) -> Orifice | None:
+    """Return the orifice of a case with a valve in a housing, None without one."""
+    if case.housing is None or case.housing.stent is None:
+        return None
+    number = next(k for k, solid in enumerate(case.solid) if solid.name == case.housing.stent)
+    return Orifice(solid=number, radius=0.5 * case.solid[number].mesh.valve.diameter)
 
 
 def build_rigid(case: Case, grid: MacGrid) -> tuple[tuple[RigidSurface, ...], tuple[Transfer, ...]]:

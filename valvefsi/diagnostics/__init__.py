@@ -3,6 +3,7 @@
 from valvefsi.diagnostics.averages import Averages
 from valvefsi.diagnostics.gradients import dissipation, enstrophy, q_criterion, velocity_gradient, vorticity
 from valvefsi.diagnostics.lines import line, sample_cells, sample_velocity
+from valvefsi.diagnostics.projected_area import projected_area
 from valvefsi.diagnostics.sections import Section, flow, mean_pressure
 from valvefsi.diagnostics.speeds import (
     MPI,
@@ -26,6 +27,7 @@ __all__ = [
     "line",
     "local_courant_rate",
     "mean_pressure",
+    "projected_area",
     "q_criterion",
     "reynolds_number",
     "sample_cells",
