@@ -6,7 +6,8 @@ that the kernel moves. For a stiffness k per area of a face,
     omega^2 = k c / (rho h),   c = max_r sum_j phi(r - j)^2,   dt < 2 / omega,
 
 for a body tether omega^2 = k / rho, for the elastic waves omega = 2 sqrt(dim) c_p / l with
-c_p^2 = (kappa + 4/3 mu_s + fibres) / rho and l the smallest edge; a damper eta decays stably while
+c_p^2 = (kappa + 4/3 mu_s + fibres) / rho and l the smallest edge, where a body of thickness t below h / c moves the
+mass rho h / c of fluid instead of rho t; a damper eta decays stably while
 dt < 2 rho / eta (body) or dt < 2 rho h / (eta c) (area). Crank-Nicolson viscosity has no limit, explicit viscosity
 that of `ExplicitViscosity`.
 """
@@ -16,6 +17,7 @@ from __future__ import annotations
 import math
 import resource
 import time
+from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +26,7 @@ from valvefsi import fsi
 from valvefsi.coupling import kernels
 from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.fsi import Model
-from valvefsi.simulation import Simulation
+from valvefsi.simulation import Simulation, timed
 
 TRIAL_STEPS = 5
 
@@ -77,6 +79,8 @@ def _size(model: Model, steps: int) -> list[Entry]:
                 note=f"smallest edge / h = {ratio:.2f}",
             )
         )
+    for surface in model.rigid:
+        entries.append(Entry(quantity=f"points of {surface.name}", value=surface.num_nodes, note="rigid"))
     return [*entries, _memory(model)]
 
 
@@ -120,7 +124,8 @@ def step_limits(model: Model) -> dict[str, float]:
         stiff, c = solid.stiffness(), largest_square_sum(coupling.name)
         fibres = getattr(solid.material, "fibre_modulus", 0.0)
         modulus = (stiff.kappa or 0.0) + 4.0 / 3.0 * stiff.shear_modulus + fibres
-        limits[f"elastic, {solid.name}"] = stiff.smallest_edge * math.sqrt(rho / modulus / grid.dim)
+        mass = rho * max(1.0, h / (c * solid.thickness()))
+        limits[f"elastic, {solid.name}"] = stiff.smallest_edge * math.sqrt(mass / modulus / grid.dim)
         springs: dict[str, float] = {}
         for tether in solid.tethers:
             mass = rho if tether.on is None else rho * h / c
@@ -191,20 +196,30 @@ def _gives(model: Model) -> list[Entry]:
 def _cost(simulation: Simulation) -> list[Entry]:
     model, schedule = simulation.model, simulation.schedule
     state = simulation.initial or fsi.initial_state(model, schedule.dt)
-    times = []
+    times, fluid, parts = [], [], defaultdict(float)
+    clocked = timed(model, parts)
     for _ in range(TRIAL_STEPS):
         model.grid.comm.barrier()
+        parts.clear()
         started = time.perf_counter()
-        state = fsi.step(model, state, schedule.dt)
+        state = fsi.step(clocked, state, schedule.dt)
         model.grid.comm.barrier()
         times.append(time.perf_counter() - started)
+        fluid.append(parts["advection"] + parts["fluid solve"])
     each = model.grid.comm.bcast(float(np.median(times[1:])))
+    share = model.grid.comm.bcast(float(np.median(fluid[1:]))) / each
     return [
         Entry(
             quantity="time of a step",
             value=1e3 * each,
             unit="ms",
             note=f"median of {TRIAL_STEPS - 1} trial steps",
+        ),
+        Entry(
+            quantity="fluid's part of a step",
+            value=100.0 * share,
+            unit="%",
+            note="the rest is the solids and their coupling",
         ),
         Entry(quantity="expected time", value=each * schedule.num_steps, unit="s", note="without output"),
     ]

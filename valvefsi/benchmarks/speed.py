@@ -95,9 +95,7 @@ def _model(
 ) -> dict[str, object]:
     """Calibrate the cost model on every core at once, compare it with the grids measured, and predict. Collective."""
     solves = 4 if parameters["viscous"] == "implicit" else 1
-    alone = _measure((CALIBRATION,) * 3, steps, parameters, MPI.COMM_SELF)
-    phases = {k: comm.allreduce(v, op=MPI.MAX) for k, v in alone["phases_ms"].items()}
-    machine = cost_model.calibrate(CALIBRATION, phases, solves=solves)
+    machine = machine_here(parameters, comm, steps)
     network, rows = cost_model.measure_network(comm), []
     for grid in grids:
         count = cost_model.work(grid["N"], comm.size, solves=solves, advection=parameters["advection"])
@@ -118,6 +116,14 @@ def _model(
         "predictions": lines,
         "rows": rows,
     }
+
+
+def machine_here(parameters: dict[str, float | str], comm: MPI.Comm, steps: int = 3) -> cost_model.Machine:
+    """Return the times of one core of this machine, with all of them at work. Collective."""
+    solves = 4 if parameters["viscous"] == "implicit" else 1
+    alone = _measure((CALIBRATION,) * 3, steps, parameters, MPI.COMM_SELF)
+    phases = {k: comm.allreduce(v, op=MPI.MAX) for k, v in alone["phases_ms"].items()}
+    return cost_model.calibrate(CALIBRATION, phases, solves=solves)
 
 
 def _row(grid: dict[str, object], dim: int, ranks: int, upwind: bool) -> dict[str, object]:

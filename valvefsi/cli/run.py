@@ -30,7 +30,14 @@ def run(
 
     comm = MPI.COMM_WORLD
     if plan:
-        show_result(plan_case(loaded, comm), comm)
+        result = plan_case(loaded, comm)
+        if loaded.grid.dim == 3:
+            from valvefsi.benchmarks.scaling import on_more_ranks
+
+            explicit = any("viscosity is explicit" in entry.note for entry in result["plan"])
+            how = {"advection": loaded.fluid.advection, "viscous": "explicit" if explicit else "implicit"}
+            result["plan"] += on_more_ranks(result["plan"], comm, **how)
+        show_result(result, comm)
         return
     folder = out if out is not None else Path("results") / case.stem
     with Progress(comm, loaded.title or case.stem) as progress:

@@ -154,13 +154,15 @@ def stent_height(valve: ValveGeometry, phi: Array) -> Array:
 def plug(radius: float, z: float, h: float) -> PointSurface:
     """Return a disk that closes a tube, in rings of points; for tests of leaks."""
     rings = math.ceil(radius / (SPACING * h))
-    points, areas = [np.array([[0.0, 0.0, z]])], [np.array([math.pi * (0.5 * radius / rings) ** 2])]
+    step = radius / rings
+    points, areas = [np.array([[0.0, 0.0, z]])], [np.array([math.pi * (0.5 * step) ** 2])]
     for k in range(1, rings + 1):
-        r = radius * k / rings
+        r = step * k
         n = math.ceil(2.0 * math.pi * r / (SPACING * h))
         phi = 2.0 * math.pi * np.arange(n) / n
         points.append(np.stack([r * np.cos(phi), r * np.sin(phi), np.full(n, z)], axis=1))
-        areas.append(np.full(n, 2.0 * math.pi * r * (radius / rings) / n))
+        inner, outer = r - 0.5 * step, min(r + 0.5 * step, radius)
+        areas.append(np.full(n, math.pi * (outer**2 - inner**2) / n))
     return PointSurface(
         points=np.concatenate(points), areas=np.concatenate(areas), faces=np.zeros((0, 4), np.int64)
     )

@@ -57,6 +57,13 @@ def lumped_weights(
     return weights, float(total)
 
 
+def surface_area(space: fem.FunctionSpace) -> float:
+    """Return the area of all outer facets, in two dimensions their length [cm^2, cm] (collective)."""
+    degree = 2 * space.ufl_element().degree
+    ds = ufl.Measure("ds", domain=space.mesh, metadata={"quadrature_degree": degree})
+    return float(space.mesh.comm.allreduce(_row_sums(space, ds).sum()))
+
+
 def _measure(space: fem.FunctionSpace, mesh: object, names: Sequence[str] | None) -> ufl.Measure:
     """Return the UFL measure of the tagged facets or cells."""
     degree = 2 * space.ufl_element().degree

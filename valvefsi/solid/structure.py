@@ -16,7 +16,7 @@ from mpi4py import MPI
 from valvefsi.errors import CaseError
 from valvefsi.solid.elasticity import Elasticity
 from valvefsi.solid.fibres import check_fibres
-from valvefsi.solid.lumping import lumped_weights
+from valvefsi.solid.lumping import lumped_weights, surface_area
 from valvefsi.solid.materials import stabilisation
 from valvefsi.solid.moving_tether import MovingTether
 from valvefsi.solid.numbering import number_nodes
@@ -280,6 +280,10 @@ class Structure:
         tether = self.comm.allreduce(float(self._spring.max(initial=0.0)), op=MPI.MAX)
         damping = self.comm.allreduce(float(self._damper.max(initial=0.0)), op=MPI.MAX)
         return Stiffness(self.material.shear_modulus, self.kappa, edge, tether, damping)
+
+    def thickness(self) -> float:
+        """Return the thickness of a plate of this volume and surface, 2 V / A [cm] (collective)."""
+        return 2.0 * self.reference_volume / surface_area(self.space)
 
     def tether_report(self) -> list[SupportReport]:
         """Return each tether with the area or volume it holds; give = mean traction / stiffness."""
