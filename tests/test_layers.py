@@ -16,6 +16,7 @@ LAYERS = [
     {"grid"},
     {"fluid", "solid", "coupling", "circulation", "geometry", "diagnostics", "io"},
     {"fsi"},
+    {"statistics"},
     {"recording", "schedule"},
     {"pictures"},
     {"simulation"},

@@ -17,6 +17,7 @@ from valvefsi.grid import Array, MacGrid
 from valvefsi.io import checkpoint
 from valvefsi.io.history import History
 from valvefsi.io.paraview import BodySeries, FluidSeries, SolidSeries
+from valvefsi.statistics import Line, Statistics
 from valvefsi.units import MMHG
 
 VTK_FACES = {
@@ -66,6 +67,10 @@ class Output:
         checkpoint_wall_s: Wall-clock time between checkpoints, 0 for none by the clock [s].
         keep_checkpoints: Number of checkpoints to keep.
         probes: Nodes to follow.
+        averages_from: Time from which on the flow is averaged, None for no averages [s].
+        lines: Lines by name along which profiles are written at the end.
+        every: Every how many cells along each axis the ParaView series of the fluid holds one.
+        part: Lower and upper corner of the part of the box that it holds, None for all of it [cm].
         orifice: Valve whose open area the history holds.
         sections: Planes and disks by name whose flow and mean pressure the history holds.
         dissipation: Whether the history holds the viscous dissipation of the box.
@@ -81,6 +86,10 @@ class Output:
     checkpoint_wall_s: float = 0.0
     keep_checkpoints: int = 2
     probes: tuple[Probe, ...] = ()
+    averages_from: float | None = None
+    lines: Mapping[str, Line] = field(default_factory=dict)
+    every: int = 1
+    part: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     orifice: Orifice | None = None
     sections: Mapping[str, Section] = field(default_factory=dict)
     dissipation: bool = False
@@ -88,7 +97,9 @@ class Output:
     provenance: Mapping[str, object] = field(default_factory=dict)
 
 
-def save_state(model: Model, state: State, output: Output, *, finished: bool = False) -> Path:
+def save_state(
+    model: Model, state: State, output: Output, statistics: Statistics, *, finished: bool = False
+) -> Path:
     """Write a checkpoint of a state, with a note whether the run is finished with it. Collective."""
     grid = model.grid
     fields = {"p": checkpoint.Block(grid_part(state.p, grid.owned), grid.start, grid.cells)}
@@ -98,6 +109,8 @@ def save_state(model: Model, state: State, output: Output, *, finished: bool = F
             fields[f"{name}{d}"] = checkpoint.Block(
                 grid_part(faces[d], owned), grid.start, grid.face_shape(d)
             )
+    for name, array in statistics.fields().items():
+        fields[name] = checkpoint.Block(grid_part(array, (slice(None),) * 3), grid.start, grid.cells)
     rows = {
         f"chi_{k}_{solid.name}": checkpoint.Rows(chi, solid.ids, solid.num_nodes)
         for k, (solid, chi) in enumerate(zip(model.solids, state.chi, strict=True))
@@ -108,18 +121,21 @@ def save_state(model: Model, state: State, output: Output, *, finished: bool = F
     }
     meta = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
     meta["circuits"] = [float(value) for value in state.circuits]
+    meta["statistics"] = statistics.meta()
     meta["provenance"] = dict(output.provenance)
     folder = output.directory / "checkpoints"
     return checkpoint.save(folder, state.step, fields, rows, meta, grid.comm, keep=output.keep_checkpoints)
 
 
-def load_state(model: Model, output: Output) -> State | None:
-    """Read the newest whole checkpoint, None where there is none. Collective."""
+def load_state(model: Model, output: Output, statistics: Statistics) -> State | None:
+    """Read the newest whole checkpoint, None where there is none; the averages go on from it. Collective."""
     grid = model.grid
     places = {"p": grid.owned}
     for d in range(grid.dim):
         places |= {f"u{d}": grid.owned_faces(d), f"N{d}": grid.owned_faces(d)}
     request = {name: (grid.start, tuple(s.stop - s.start for s in place)) for name, place in places.items()}
+    averages = statistics.fields()
+    request |= {name: (grid.start, array.shape) for name, array in averages.items()}
     names = [f"chi_{k}_{solid.name}" for k, solid in enumerate(model.solids)]
     rows = {name: solid.ids for name, solid in zip(names, model.solids, strict=True)}
     held = {f"carried_{k}_{surface.name}": surface.ids for k, surface in enumerate(model.rigid)}
@@ -128,6 +144,7 @@ def load_state(model: Model, output: Output) -> State | None:
     if found is None:
         return None
     meta, fields, points = found
+    statistics.restore({name: fields[name] for name in averages}, meta["statistics"])
     arrays = {name: grid.zeros() for name in places}
     for name, place in places.items():
         arrays[name][place] = fields[name]
@@ -180,6 +197,38 @@ def _edges(grid: MacGrid) -> list[Array]:
     ]
 
 
+def box_of(grid: MacGrid) -> object:
+    """Where the cells of a grid are, as ParaView series take it."""
+    return (grid.lower, grid.spacing) if all(grid.uniform) else _edges(grid)
+
+
+def chosen_cells(grid: MacGrid, output: Output) -> tuple[tuple[slice, ...], tuple]:
+    """Return this rank's cells that the series of the fluid holds, and number, first, size and places of them.
+
+    Of every ``every`` cells along an axis the middle one is taken, and shown as large as they are together.
+    """
+    every, edges = output.every, _edges(grid)
+    slices, cells, start, size, shown = [], [], [], [], []
+    for axis, e in enumerate(edges):
+        step = every if axis < grid.dim else 1
+        low, high = 0, len(e) - 1
+        if output.part is not None and axis < grid.dim:
+            low = max(0, int(np.searchsorted(e, output.part[0][axis] + 1e-9, side="right")) - 1)
+            high = min(high, int(np.searchsorted(e, output.part[1][axis] - 1e-9)))
+        picked = np.arange(low + step // 2, high, step)
+        own = grid.start[axis], grid.start[axis] + grid.size[axis]
+        first, last = np.searchsorted(picked, own)
+        local = int(picked[first]) - own[0] if last > first else 0
+        slices.append(slice(local, local + step * int(last - first), step))
+        cells.append(len(picked))
+        start.append(int(first))
+        size.append(int(last - first))
+        shown.append(e[np.minimum(np.append(picked - step // 2, picked[-1] - step // 2 + step), len(e) - 1)])
+    whole = every == 1 and output.part is None
+    place = (tuple(cells), tuple(start), tuple(size), box_of(grid) if whole else shown)
+    return tuple(slices), place
+
+
 class Recorder:
     """Writes history and ParaView series of a run, new or continued.
 
@@ -213,6 +262,8 @@ class Recorder:
             columns.append("dissipation_erg_per_s")
         for name in output.sections:
             columns += [f"flow_{name}_cm3_per_s", f"pressure_{name}_dyn_per_cm2"]
+            if output.sections[name].radius and grid.dim == 3 and model.fluid.mu > 0.0:
+                columns.append(f"reynolds_{name}")
         for side in model.circulation.sides if model.circulation else ():
             columns += [f"q_{side}_ml_s", f"p_{side}_mmHg"]
         self.history = History(
@@ -222,10 +273,8 @@ class Recorder:
         self.fluid_series = self.solid_series = None
         if output.frames:
             folder = output.directory / "paraview"
-            box = (grid.lower, grid.spacing) if all(grid.uniform) else _edges(grid)
-            self.fluid_series = FluidSeries(
-                folder, "fluid", comm, grid.cells, grid.start, grid.size, box, resume_time=time
-            )
+            self.chosen, place = chosen_cells(grid, output)
+            self.fluid_series = FluidSeries(folder, "fluid", comm, *place, resume_time=time)
             self.solid_series = [SolidSeries(folder, s.name, comm, resume_time=time) for s in model.solids]
         self.stresses = self._open_stresses(time) if output.frames and output.stress else []
 
@@ -288,6 +337,12 @@ class Recorder:
         for name, section in self.output.sections.items():
             found[f"flow_{name}_cm3_per_s"] = diagnostics.flow(grid, state.u, section)
             found[f"pressure_{name}_dyn_per_cm2"] = diagnostics.mean_pressure(grid, state.p, section)
+            if section.radius and grid.dim == 3 and self.model.fluid.mu > 0.0:
+                rho, mu = self.model.fluid.rho, self.model.fluid.mu
+                number = diagnostics.reynolds_number(
+                    found[f"flow_{name}_cm3_per_s"], 2 * section.radius, rho, mu
+                )
+                found[f"reynolds_{name}"] = float(number)
         return found
 
     def _open_stresses(self, resume_time: float | None) -> list[tuple]:
@@ -315,8 +370,8 @@ class Recorder:
         if self.fluid_series is None:
             return
         grid = self.model.grid
-        velocity = diagnostics.cell_velocity(grid, state.u)
-        self.fluid_series.write(state.t, velocity, grid_part(state.p, grid.owned))
+        velocity, p = diagnostics.cell_velocity(grid, state.u), state.p[grid.owned]
+        self.fluid_series.write(state.t, velocity[self.chosen], grid_part(p, self.chosen))
         for series, solid, chi in zip(self.solid_series, self.model.solids, state.chi, strict=True):
             now, first = solid.cells_on_root(chi), solid.cells_on_root(solid.X)
             if now is None:

@@ -18,8 +18,9 @@ from valvefsi.errors import CaseError, StabilityError, Stopped
 from valvefsi.fsi import Model, State
 from valvefsi.grid import Array, MacGrid
 from valvefsi.memory import keep_freed_memory
-from valvefsi.recording import Output, Recorder, load_state, refuse_to_overwrite, save_state
+from valvefsi.recording import Output, Recorder, box_of, load_state, refuse_to_overwrite, save_state
 from valvefsi.schedule import AdaptiveSchedule, Schedule
+from valvefsi.statistics import Statistics
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
 
@@ -74,6 +75,7 @@ class Simulation:
     ) -> None:
         self.model, self.schedule, self.output = model, schedule, output
         self.initial = initial
+        self.statistics = Statistics(model.grid, start=output.averages_from, lines=output.lines)
         self.phases: dict[str, float] = defaultdict(float)
         self.recoveries: list[dict[str, object]] = []
 
@@ -103,7 +105,8 @@ class Simulation:
             state = self._march(state, recorder, received, progress)
         wall = time.perf_counter() - started
         with self._clock("output"):
-            save_state(self.model, state, self.output, finished=True)
+            save_state(self.model, state, self.output, self.statistics, finished=True)
+            self.statistics.write(state, self.output.directory, box_of(self.model.grid))
         return Outcome(
             state=state,
             steps=state.step - first,
@@ -136,7 +139,7 @@ class Simulation:
         if not resume:
             refuse_to_overwrite(self.model, self.output)
             return self.initial or fsi.initial_state(self.model, self.schedule.dt)
-        state = load_state(self.model, self.output)
+        state = load_state(self.model, self.output, self.statistics)
         if state is None:
             folder = self.output.directory / "checkpoints"
             raise CaseError("there is no whole checkpoint to resume from", file=folder)
@@ -167,7 +170,7 @@ class Simulation:
             if stop or late or self._checkpoint_due(state):
                 saved = time.perf_counter()
                 with self._clock("output"):
-                    path = save_state(model, state, self.output)
+                    path = save_state(model, state, self.output, self.statistics)
                 if stop:
                     raise Stopped(
                         f"stopped at step {state.step}, t = {state.t:.6g} s; {path} is written, "
@@ -198,6 +201,7 @@ class Simulation:
             self._check_elements(row, state)
             if self._row_due(state):
                 recorder.history.append(row)
+                self.statistics.add(state)
             if old is None or self._frame_due(old, state):
                 recorder.frame(state)
         return row
@@ -265,7 +269,7 @@ class Simulation:
         return state, rate, retries
 
     def _explained(self, error: StabilityError, good: State) -> StabilityError:
-        path = save_state(self.model, good, self.output)
+        path = save_state(self.model, good, self.output, self.statistics)
         return StabilityError(f"{error}. The last good state, t = {good.t:.6g} s, is in {path}")
 
     @contextlib.contextmanager

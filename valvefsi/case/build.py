@@ -33,6 +33,7 @@ from valvefsi.simulation import Progress, Simulation
 from valvefsi.solid.element_points import ElementPoints
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.statistics import Line
 
 
 def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
@@ -247,6 +248,12 @@ def _output(case: Case, out: Path, grid: MacGrid) -> Output:
         keep_checkpoints=case.output.keep_checkpoints,
         probes=probes,
         orifice=find_orifice(case),
+        averages_from=case.output.averages_from,
+        lines={
+            line.name: Line(start=line.start, end=line.end, points=line.points) for line in case.output.line
+        },
+        every=case.output.fluid_every,
+        part=(case.output.fluid_lower, case.output.fluid_upper) if case.output.fluid_lower else None,
         sections=_sections(case, grid),
         dissipation=case.output.dissipation,
         stress=case.output.stress,

@@ -52,6 +52,7 @@ def check_case(case: Case) -> None:
         names.append(solid.name)
         _check_solid(case, solid, key)
     _check_housing(case)
+    _check_output(case)
     if case.dt > case.time.t_end:
         raise CaseError(
             f"expected at least one time step, {case.dt:g} s", key="time.t_end", value=case.time.t_end
@@ -152,6 +153,33 @@ def _check_solid(case: Case, solid: Solid, key: str) -> None:
         _check_tags(solid, key, SHAPES[mesh.shape][1])
         _check_place(case, solid, (mesh.lower, upper), f"{key}.mesh.lower", list(mesh.lower))
         _check_probes(solid, key, mesh.lower, upper)
+
+
+def _check_output(case: Case) -> None:
+    """Corners and lines have one entry per dimension and lie in the box."""
+    dim, output = case.grid.dim, case.output
+    if bool(output.fluid_lower) != bool(output.fluid_upper):
+        missing = "fluid_lower" if output.fluid_upper else "fluid_upper"
+        raise CaseError("a part of the box needs two corners", key=f"output.{missing}")
+    points = {f"output.{key}": getattr(output, key) for key in ("fluid_lower", "fluid_upper")}
+    for number, line in enumerate(output.line):
+        if line.name in [other.name for other in output.line[:number]]:
+            raise CaseError("two lines have this name", key=f"output.line.{number}.name", value=line.name)
+        points |= {f"output.line.{number}.{key}": getattr(line, key) for key in ("start", "end")}
+    for key, point in points.items():
+        if not point:
+            continue
+        _check_length(point, dim, key)
+        if not all(a <= x <= b for x, (a, b) in zip(point, case.grid.bounds, strict=True)):
+            raise CaseError("this point is outside the box", key=key, value=list(point))
+    if output.fluid_lower:
+        for axis, (a, b) in enumerate(zip(output.fluid_lower, output.fluid_upper, strict=True)):
+            if b - a < output.fluid_every * case.grid.spacing:
+                raise CaseError(
+                    f"no cell between this and fluid_upper along {'xyz'[axis]}",
+                    key="output.fluid_lower",
+                    value=list(output.fluid_lower),
+                )
 
 
 def _check_housing(case: Case) -> None:

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 from valvefsi.case.circuit_tables import CircuitTable
 from valvefsi.case.fluid_tables import SIDES, Fluid, Grid
 from valvefsi.case.material_tables import Fibre, Material
-from valvefsi.case.output_tables import Section
+from valvefsi.case.output_tables import Line, Section
 from valvefsi.case.quantities import (
     BodyDamping,
     Length,
@@ -278,7 +278,21 @@ class Output(Table):
         description="Stresses and strains of the solids in ParaView files beside the frames: "
         + ", ".join(SolidQuantity.__args__),
     )
+    fluid_every: int = Field(
+        1, ge=1, description="Cells along each axis of which the frames of the fluid hold one"
+    )
+    fluid_lower: tuple[Length, ...] = Field(
+        (), description="Lower corner of the part of the box that the frames hold; all of it when left out"
+    )
+    fluid_upper: tuple[Length, ...] = Field((), description="Upper corner of that part")
+    averages_from: Time | None = Field(
+        None,
+        ge=0,
+        description="Time from which on velocity and pressure are averaged; not at all when left out",
+        examples=["0.5 s"],
+    )
     section: tuple[Section, ...] = Field((), description="Planes and disks whose flow the history holds")
+    line: tuple[Line, ...] = Field((), description="Lines along which profiles are written at the end")
 
 
 class Case(Table):

@@ -31,3 +31,12 @@ class Section(Table):
             missing = "radius" if self.centre else "centre"
             raise problem("a disk needs a centre and a radius, a plane neither", missing, None)
         return self
+
+
+class Line(Table):
+    """A straight line along which velocity and pressure, and their averages, are written at the end."""
+
+    name: Name = Field(description="Name of the table, profiles/NAME.csv")
+    start: tuple[Length, ...] = Field(description="First point, one entry per dimension")
+    end: tuple[Length, ...] = Field(description="Last point")
+    points: int = Field(101, ge=2, description="Number of points")

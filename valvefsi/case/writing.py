@@ -15,7 +15,10 @@ EXAMPLE: dict[str, Any] = {
     "grid": {"lower": ["0 cm", "0 cm"], "upper": ["40 cm", "40 cm"], "cells": [64, 64]},
     "fluid": {"sides": {name: {"velocity": [0, 0]} for name in SIDES[:4]}},
     "time": {"dt_per_h": "0.001 s/cm", "t_end": "30 s"},
-    "output": {"section": [{"name": "middle", "axis": "x", "position": "20 cm"}]},
+    "output": {
+        "section": [{"name": "middle", "axis": "x", "position": "20 cm"}],
+        "line": [{"name": "across", "start": ["20 cm", "0 cm"], "end": ["20 cm", "40 cm"]}],
+    },
     "circuit": [
         {
             "name": "outlet",

@@ -7,6 +7,7 @@ moment.
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import xml.etree.ElementTree as ET
@@ -59,9 +60,14 @@ class FluidSeries:
             three of ``(cells + 1,)`` [cm].
         resume_time: Time of the checkpoint that the run goes on from [s]: later entries are dropped.
 
+    Attributes:
+        fields: Name and number of components of each field.
+
     Note:
         Collective.
     """
+
+    fields: Sequence[tuple[str, int]] = FIELDS
 
     def __init__(
         self,
@@ -86,13 +92,13 @@ class FluidSeries:
         self.suffix = ".vti" if self.edges is None else ".vtr"
         self.index = _Index(directory, name, comm, resume_time)
 
-    def write(self, t: float, velocity: NDArray, pressure: NDArray) -> None:
+    def write(self, t: float, *arrays: NDArray) -> None:
         """Write one time.
 
         Args:
             t: Time [s].
-            velocity: Velocity in the centres of this rank's cells, ``(nx, ny, nz, 3)`` [cm/s].
-            pressure: Pressure there, ``(nx, ny, nz)`` [dyn/cm^2].
+            arrays: The fields in the centres of this rank's cells, ``(nx, ny, nz)`` or ``(nx, ny, nz, components)``;
+                velocity [cm/s] and pressure [dyn/cm^2] unless other fields were named.
 
         Raises:
             ValueError: The arrays do not have the shape of this rank's part.
@@ -103,18 +109,18 @@ class FluidSeries:
         """
         stem, error = self.index.stem(t), None
         try:
-            if velocity.shape != (*self.shape, 3) or pressure.shape != self.shape:
-                raise ValueError(
-                    f"expected arrays of {self.shape} cells, not {velocity.shape}, {pressure.shape}"
-                )
-            if pressure.size:
-                self._write_piece(_piece_path(stem, self.comm.rank, self.suffix), velocity, pressure)
+            expected = [self.shape if n == 1 else (*self.shape, n) for _, n in self.fields]
+            if [a.shape for a in arrays] != expected:
+                found = ", ".join(str(a.shape) for a in arrays)
+                raise ValueError(f"expected arrays of {self.shape} cells, not {found}")
+            if math.prod(self.shape):
+                self._write_piece(_piece_path(stem, self.comm.rank, self.suffix), arrays)
         except (OSError, ValueError) as failure:
             error = failure
         raise_together(self.comm, error)
         self.index.add(t, stem.with_suffix(self.suffix.replace(".", ".p")), self._write_list)
 
-    def _write_piece(self, path: Path, velocity: NDArray, pressure: NDArray) -> None:
+    def _write_piece(self, path: Path, arrays: Sequence[NDArray]) -> None:
         extent = self.extents[self.comm.rank]
         root = ET.Element("VTKFile", {"type": self.kind, **PACKED})
         grid = ET.SubElement(root, self.kind, {"WholeExtent": _join(extent), **self.image})
@@ -128,11 +134,11 @@ class FluidSeries:
             blocks.append(_packed(values))
             offset += len(blocks[-1])
 
-        data = ET.SubElement(piece, "CellData", {"Scalars": "pressure", "Vectors": "velocity"})
-        # VTK counts x fastest, the components of one cell are neighbours.
-        arrays = [velocity.transpose(2, 1, 0, 3), pressure.transpose(2, 1, 0)]
-        for (name, components), array in zip(FIELDS, arrays, strict=True):
-            add(data, _array(name, components), np.ascontiguousarray(array, dtype=np.float32))
+        data = ET.SubElement(piece, "CellData", self._shown())
+        for (name, components), array in zip(self.fields, arrays, strict=True):
+            # VTK counts x fastest, the components of one cell are neighbours.
+            turned = array.transpose(2, 1, 0, 3) if components > 1 else array.transpose(2, 1, 0)
+            add(data, _array(name, components), np.ascontiguousarray(turned, dtype=np.float32))
         if self.edges is not None:
             places = ET.SubElement(piece, "Coordinates")
             for axis, edges in enumerate(self.edges):
@@ -142,12 +148,19 @@ class FluidSeries:
         head, tail = ET.tostring(root, xml_declaration=True, encoding="utf-8").split(b"@")
         _replace(path, b"".join([head, *blocks, tail]))
 
+    def _shown(self) -> dict[str, str]:
+        """Which fields ParaView shows first."""
+        found: dict[str, str] = {}
+        for name, components in self.fields:
+            found.setdefault("Vectors" if components > 1 else "Scalars", name)
+        return found
+
     def _write_list(self, path: Path) -> None:
         kind = f"P{self.kind}"
         root = ET.Element("VTKFile", {"type": kind, **FILE})
         grid = ET.SubElement(root, kind, {"WholeExtent": _join(self.whole), "GhostLevel": "0", **self.image})
-        data = ET.SubElement(grid, "PCellData", {"Scalars": "pressure", "Vectors": "velocity"})
-        for name, components in FIELDS:
+        data = ET.SubElement(grid, "PCellData", self._shown())
+        for name, components in self.fields:
             ET.SubElement(data, "PDataArray", _array(name, components))
         if self.edges is not None:
             places = ET.SubElement(grid, "PCoordinates")

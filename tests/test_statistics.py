@@ -1,0 +1,141 @@
+"""Averages, profiles and thinned frames of a run, from case files, against closed forms; on any number of ranks."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from valvefsi.case import load_case
+from valvefsi.case.build import build, run_case
+from valvefsi.errors import CaseError
+from valvefsi.grid import MacGrid
+from valvefsi.recording import Output, chosen_cells
+
+PERIOD = 0.4
+CASE = """
+title = "a stream that swings"
+[grid]
+lower = [0, 0]
+upper = [2, 1]
+cells = [16, 8]
+[fluid]
+viscosity = 0.05
+[fluid.sides]
+y_lower = {type = "free_slip"}
+y_upper = {type = "free_slip"}
+x_lower = {velocity_expression = ["3 + 2*sin(5*pi*t)", "0"]}
+x_upper = {type = "open"}
+[time]
+dt = "5 ms"
+t_end = "1 s"
+[output]
+history_every = 2
+frames = 2
+averages_from = "0.2 s"
+checkpoint_every = 50
+[[output.line]]
+name = "along"
+start = [0.1, 0.3]
+end = [1.9, 0.3]
+points = 7
+[[output.section]]
+name = "outflow"
+axis = "x"
+position = 1.5
+"""
+
+
+@pytest.fixture
+def write(shared_tmp):
+    """Return a function that writes the case and reads it, with changes."""
+
+    def write(*overrides):
+        if MPI.COMM_WORLD.rank == 0:
+            (shared_tmp / "case.toml").write_text(CASE)
+        MPI.COMM_WORLD.barrier()
+        return load_case(shared_tmp / "case.toml", overrides)
+
+    return write
+
+
+def table(path):
+    with path.open(newline="") as file:
+        rows = list(csv.reader(file))
+    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
+
+
+def test_mean_and_fluctuation_of_a_stream_that_swings(write, shared_tmp):
+    """u = 3 + 2 sin(omega t) everywhere: mean 3, TKE = (2^2/2)/2 = 1 over two whole periods."""
+    run_case(write(), out=shared_tmp / "out")
+    MPI.COMM_WORLD.barrier()
+    found = table(shared_tmp / "out" / "profiles" / "along.csv")
+    assert found["s_cm"] == pytest.approx(np.linspace(0.0, 1.8, 7))
+    # Samples every 10 ms stand for the time before them: exact for a sine over whole periods but for round-off.
+    assert found["mean_u_x_cm_per_s"] == pytest.approx(3.0, abs=1e-6)
+    assert found["tke_cm2_per_s2"] == pytest.approx(1.0, abs=1e-6)
+    assert found["u_x_cm_per_s"] == pytest.approx(3.0 + 2.0 * np.sin(5.0 * np.pi), abs=1e-6)
+    assert found["mean_u_y_cm_per_s"] == pytest.approx(0.0, abs=1e-9)
+    assert (shared_tmp / "out" / "paraview" / "averages.pvd").exists()
+
+
+def test_averages_go_on_after_a_stop(write, shared_tmp):
+    case = write("output.frames=0")
+    build(write("output.frames=0", "time.t_end='0.5 s'"), shared_tmp / "parts").run()
+    build(case, shared_tmp / "parts").run(resume=True)
+    build(case, shared_tmp / "whole").run()
+    MPI.COMM_WORLD.barrier()
+    parts, whole = (table(shared_tmp / name / "profiles" / "along.csv") for name in ("parts", "whole"))
+    for name, column in whole.items():
+        assert parts[name] == pytest.approx(column, rel=1e-10, abs=1e-10), name
+
+
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_frames_hold_every_kth_cell_of_a_part(every):
+    grid = MacGrid([0.0, 0.0, 0.0], [1.6, 1.2, 0.8], (16, 12, 8), [False] * 3, MPI.COMM_WORLD)
+    part = ((0.2, 0.0, 0.1), (1.4, 1.2, 0.8))
+    chosen, (cells, start, size, edges) = chosen_cells(grid, Output(directory=None, every=every, part=part))
+    assert cells == tuple(len(np.arange(a + every // 2, b, every)) for a, b in ((2, 14), (0, 12), (1, 8)))
+    x, y, z = (np.broadcast_to(c, grid.shape)[grid.owned][chosen] for c in grid.points(None))
+    assert x.shape == size
+    for axis, values in enumerate((x, y, z)):
+        e = np.asarray(edges[axis])
+        assert len(e) == cells[axis] + 1
+        along = np.moveaxis(values, axis, 0)
+        low = e[start[axis] : start[axis] + size[axis]]
+        # The cell that is taken lies in the one that is shown.
+        if values.size:
+            inside = along.reshape(len(low), -1)[:, 0]
+            assert ((inside > low) & (inside < e[start[axis] + 1 : start[axis] + size[axis] + 1])).all()
+    whole = MPI.COMM_WORLD.allreduce(x.size)
+    assert whole == np.prod(cells)
+
+
+def test_a_run_writes_the_cells_that_were_asked_for(write, shared_tmp):
+    case = write(
+        "output.fluid_every=2",
+        "output.fluid_lower=[0.5, 0]",
+        "output.fluid_upper=[2, 1]",
+        "time.t_end='20 ms'",
+    )
+    run_case(case, out=shared_tmp / "out")
+    MPI.COMM_WORLD.barrier()
+    pieces = sorted((shared_tmp / "out" / "paraview" / "fluid").glob("*.pvtr"))
+    assert len(pieces) == 3
+    text = pieces[-1].read_text()
+    assert 'WholeExtent="0 6 0 4 0 1"' in text
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("output.fluid_lower=[0, 0]", r"output\.fluid_upper.*two corners"),
+        ("output.line.0.end=[3, 0]", r"output\.line\.along\.end|output\.line\.0\.end.*outside the box"),
+        ("output.line.0.start=[0]", r"expected 2 entries"),
+    ],
+)
+def test_what_cannot_be_written_is_said(write, override, said):
+    with pytest.raises(CaseError, match=said):
+        write(override)
