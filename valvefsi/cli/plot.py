@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from valvefsi.cli.movie import Cut, read_plane
 from valvefsi.cli.options import Out
 
 
@@ -26,13 +27,20 @@ def plot(
     fibres: Annotated[
         bool, typer.Option("--fibres", help="Draw the fibre fields of a case file instead; nothing is run.")
     ] = False,
+    cut: Cut = None,
     out: Out = None,
 ) -> None:
-    """Draw every deformed solid in a folder of results, or the fibres of a case; no display is needed."""
+    """Draw every deformed solid in a folder of results, a plane of its fluid, or the fibres of a case."""
     from mpi4py import MPI
 
     if fibres:
         _draw_fibres(folder, out if out is not None else Path())
+        return
+    if MPI.COMM_WORLD.rank == 0 and (cut is not None or _is_of_fluid(folder, field)):
+        from valvefsi.io.movies import draw_plane
+
+        where = out if out is not None else folder
+        typer.echo(str(draw_plane(folder, where, plane=read_plane(cut), field=field or "speed", t=t)))
         return
     from valvefsi.io.solid_plots import can_render, draw_folder
 
@@ -43,6 +51,14 @@ def plot(
         typer.echo("pyvista or EGL is missing: bodies in space are drawn by matplotlib")
     for path in made:
         typer.echo(str(path))
+
+
+def _is_of_fluid(folder: Path, field: str | None) -> bool:
+    """Whether a field is one that only the fluid of a run has."""
+    from valvefsi.io.slice_plots import DERIVED
+
+    known = {*DERIVED, "pressure", "mean_pressure", "turbulence_kinetic_energy"}
+    return field in known and (folder / "paraview" / "fluid.pvd").is_file()
 
 
 def _draw_fibres(case_file: Path, out: Path) -> None:

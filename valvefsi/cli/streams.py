@@ -77,7 +77,7 @@ def channel(
 
 @streams.command("cavity")
 def cavity(
-    reynolds: Annotated[int, typer.Option(help="100 or 1000.")] = 100,
+    reynolds: Annotated[int, typer.Option(help="100, 1000 or 5000.")] = 100,
     grid: Annotated[int, typer.Option("--grid", min=8, help="Cells along an edge.")] = 64,
     overrides: Set = None,
     out: Out = None,

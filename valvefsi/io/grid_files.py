@@ -1,0 +1,137 @@
+"""Reading the fluid series of a run: the files that `valvefsi.io.paraview` writes, put together from their pieces."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valvefsi.errors import CaseError
+
+TYPES = {"Float32": np.float32, "Float64": np.float64}
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridFields:
+    """Fields in the cells of a grid.
+
+    Attributes:
+        t: Time [s].
+        edges: Edges of the cells along each axis, three of ``(cells + 1,)``; one cell along z in two dimensions [cm].
+        fields: Arrays by name, ``(nx, ny, nz)`` or ``(nx, ny, nz, components)``.
+    """
+
+    t: float
+    edges: tuple[NDArray, NDArray, NDArray]
+    fields: dict[str, NDArray]
+
+    @property
+    def dim(self) -> int:
+        """Number of dimensions."""
+        return 2 if len(self.edges[2]) == 2 else 3
+
+    @property
+    def centres(self) -> list[NDArray]:
+        """Centres of the cells along each axis [cm]."""
+        return [0.5 * (e[1:] + e[:-1]) for e in self.edges]
+
+
+def times_of(series: Path) -> list[tuple[float, Path]]:
+    """Return times and files of a series whose files are there, in order.
+
+    Args:
+        series: The list of times, ``NAME.pvd``.
+
+    Raises:
+        CaseError: The list is missing, cannot be read, or names no file that exists.
+    """
+    series = Path(series)
+    if not series.is_file():
+        raise CaseError("no such series; was the run made with output.frames?", file=series)
+    try:
+        items = list(ET.parse(series).getroot().iter("DataSet"))
+    except ET.ParseError as error:
+        raise CaseError(f"this is not a ParaView series: {error}", file=series) from None
+    found = [(float(item.get("timestep")), series.parent / item.get("file")) for item in items]
+    found = sorted(entry for entry in found if entry[1].is_file())
+    if not found:
+        raise CaseError("the series has no files yet", file=series)
+    return found
+
+
+def nearest_time(series: Path, t: float | None) -> tuple[float, Path]:
+    """Return time and file nearest to a time, the last if None."""
+    found = times_of(series)
+    return found[-1] if t is None else min(found, key=lambda entry: abs(entry[0] - t))
+
+
+def read_grid(path: Path, t: float = 0.0) -> GridFields:
+    """Read one time of a series.
+
+    Args:
+        path: A ``.pvti`` or ``.pvtr`` file.
+        t: Its time [s].
+
+    Raises:
+        CaseError: The file or one of its pieces is missing, incomplete or of another kind.
+    """
+    path = Path(path)
+    try:
+        root = ET.parse(path).getroot()
+        whole = next(child for child in root if child.tag in ("PImageData", "PRectilinearGrid"))
+        extent = _extent(whole)
+        cells = tuple(extent[2 * a + 1] - extent[2 * a] for a in range(3))
+        edges = [np.zeros(n + 1) for n in cells]
+        fields: dict[str, NDArray] = {}
+        for piece in whole.iter("Piece"):
+            _add_piece(path.parent / piece.get("Source"), cells, edges, fields)
+        if whole.tag == "PImageData":
+            origin, spacing = (np.array(whole.get(key).split(), dtype=float) for key in ("Origin", "Spacing"))
+            edges = [o + h * np.arange(n + 1) for o, h, n in zip(origin, spacing, cells, strict=True)]
+    except (OSError, ET.ParseError, StopIteration, KeyError, ValueError, zlib.error) as error:
+        raise CaseError(f"this file of a fluid series cannot be read: {error}", file=path) from None
+    return GridFields(t=t, edges=tuple(edges), fields=fields)
+
+
+def _extent(element: ET.Element) -> list[int]:
+    return [int(v) for v in element.get("WholeExtent", element.get("Extent")).split()]
+
+
+def _add_piece(path: Path, cells: tuple[int, ...], edges: list[NDArray], fields: dict[str, NDArray]) -> None:
+    """Put the data of one piece into the whole arrays."""
+    raw = path.read_bytes()
+    start = raw.index(b"<AppendedData")  # an underscore marks where the data in it begin
+    mark = raw.index(b"_", raw.index(b">", start)) + 1
+    root = ET.fromstring(raw[: mark - 1] + raw[raw.rindex(b"</AppendedData") :])
+    data = memoryview(raw)[mark:]
+    piece = next(root.iter("Piece"))
+    e = _extent(piece)
+    where = tuple(slice(e[2 * a], e[2 * a + 1]) for a in range(3))
+    size = tuple(s.stop - s.start for s in where)
+    for item in piece.find("CellData"):
+        name, components = item.get("Name"), int(item.get("NumberOfComponents", "1"))
+        values = _unpacked(data, int(item.get("offset")), TYPES[item.get("type")])
+        shape = size[::-1] if components == 1 else (*size[::-1], components)
+        turned = values.reshape(shape).transpose((2, 1, 0, 3)[: len(shape)])
+        if name not in fields:
+            fields[name] = np.zeros(cells if components == 1 else (*cells, components), values.dtype)
+        fields[name][where] = turned
+    places = piece.find("Coordinates")
+    for axis, item in enumerate([] if places is None else places):
+        values = _unpacked(data, int(item.get("offset")), TYPES[item.get("type")])
+        edges[axis][e[2 * axis] : e[2 * axis + 1] + 1] = values
+
+
+def _unpacked(data: memoryview, offset: int, kind: type) -> NDArray:
+    """Undo VTK's packing: number of blocks, size of a block, size of the last, packed sizes, blocks."""
+    count = int(np.frombuffer(data[offset : offset + 8], np.uint64)[0])
+    sizes = np.frombuffer(data[offset + 24 : offset + 24 + 8 * count], np.uint64)
+    place, parts = offset + 24 + 8 * count, []
+    for size in sizes:
+        parts.append(zlib.decompress(data[place : place + int(size)]))
+        place += int(size)
+    return np.frombuffer(b"".join(parts), kind)
