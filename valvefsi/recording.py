@@ -17,6 +17,7 @@ from valvefsi.grid import Array, MacGrid
 from valvefsi.io import checkpoint
 from valvefsi.io.history import History
 from valvefsi.io.paraview import BodySeries, FluidSeries, SolidSeries
+from valvefsi.io.solid_body import Body, write_body
 from valvefsi.statistics import Line, Statistics
 from valvefsi.units import MMHG
 
@@ -276,7 +277,17 @@ class Recorder:
             self.chosen, place = chosen_cells(grid, output)
             self.fluid_series = FluidSeries(folder, "fluid", comm, *place, resume_time=time)
             self.solid_series = [SolidSeries(folder, s.name, comm, resume_time=time) for s in model.solids]
+            self._write_rigid(folder)
         self.stresses = self._open_stresses(time) if output.frames and output.stress else []
+
+    def _write_rigid(self, folder: Path) -> None:
+        """Write each rigid surface with faces once, for pictures. Collective."""
+        if self.model.grid.comm.rank == 0:
+            for surface in self.model.rigid:
+                if surface.faces is not None and len(surface.faces):
+                    body = Body(points=surface.points, cells={9: surface.faces})
+                    write_body(folder / f"{surface.name}.vtu", body)
+        self.model.grid.comm.barrier()
 
     def row(self, state: State) -> dict[str, float]:
         """Return one row of the history: Courant number, energy, volume change, J, displacements. Collective."""

@@ -80,6 +80,7 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[tuple[RigidSurface, ...], tu
         name="housing",
         stiffness=share / case.dt**2,
         damping=share / case.dt,
+        faces=surface.faces,
     )
     problem = transfer = None
     try:

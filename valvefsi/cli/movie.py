@@ -46,7 +46,7 @@ def movie(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
     cut: Cut = None,
     field: Annotated[str, typer.Option("--field", help="What is shown, such as vorticity.")] = "speed",
-    fps: Annotated[int, typer.Option("--fps", min=1, max=60, help="Frames a second.")] = 12,
+    fps: Annotated[int, typer.Option("--fps", min=1, max=60, help="Frames a second.")] = 20,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="The movie, .mp4 (needs ffmpeg) or .gif.")
     ] = None,
@@ -62,13 +62,14 @@ def movie(
     if MPI.COMM_WORLD.rank != 0:
         return
     suffix = ".mp4" if shutil.which("ffmpeg") else ".gif"
+    plane = read_plane(cut)
     path = out if out is not None else Path(folder) / f"movie_{field}{suffix}"
     with Bar() as bar:
         task = bar.add_task(path.name, total=None)
         made = draw_movie(
             folder,
             path,
-            plane=read_plane(cut),
+            plane=plane,
             field=field,
             fps=fps,
             progress=lambda done, total: bar.update(task, completed=done, total=total),

@@ -25,10 +25,13 @@ class Progress:
         comm: Communicator of the run.
         title: What is being run.
         console: Where to, standard output if left out.
+        period: Length of a beat [s]; beat and phase are shown if given.
     """
 
-    def __init__(self, comm: MPI.Comm, title: str, console: Console | None = None) -> None:
-        self.comm, self.title, self.console = comm, title, console
+    def __init__(
+        self, comm: MPI.Comm, title: str, console: Console | None = None, period: float | None = None
+    ) -> None:
+        self.comm, self.title, self.console, self.period = comm, title, console, period
         self.live = self.task = self.first = None
         self.due = 0.0
 
@@ -54,7 +57,7 @@ class Progress:
             return
         now = time.perf_counter()
         if self.first is None:
-            self.first = (now, t, step)
+            self.first, self.last = (now, t, step), (t, step)
             self._open()
         elif now < self.due and t < t_end:
             return
@@ -63,6 +66,11 @@ class Progress:
         left = wall * (t_end - t) / simulated if simulated > 0 else None
         share = t / t_end if t_end > 0 else 1.0
         numbers = f"t = {t:.4g} of {t_end:g} s, step {step}"
+        if self.period:
+            beat, phase = divmod(t / self.period, 1.0)
+            numbers += f", beat {beat + 1:.0f} at {100 * phase:.0f} %"
+            numbers += f", dt {(t - self.last[0]) / max(step - self.last[1], 1):.3g} s"
+        self.last = (t, step)
         more = "".join(f", {name} {number(value)}" for name, value in _newest(info or {}))
         if self.live is not None:
             self.live.update(self.task, completed=share, text=f"{numbers}{more}", left=format_time(left))
@@ -91,8 +99,9 @@ class Progress:
 
 
 def _newest(info: Mapping[str, object]) -> list[tuple[str, object]]:
-    """Return the first few columns of a row of the history after step and time."""
-    return [(name, value) for name, value in info.items() if name not in ("step", "t_s")][:SHOWN]
+    """Return flows and pressures of circuits and a valve's area, or the first few columns after step and time."""
+    loop = [(name, value) for name, value in info.items() if name.startswith(("pdva_", "q_", "p_"))]
+    return loop or [(name, value) for name, value in info.items() if name not in ("step", "t_s")][:SHOWN]
 
 
 def format_time(seconds: float | None) -> str:

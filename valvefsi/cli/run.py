@@ -40,7 +40,8 @@ def run(
         show_result(result, comm)
         return
     folder = out if out is not None else Path("results") / case.stem
-    with Progress(comm, loaded.title or case.stem) as progress:
+    period = next((c.pump.period for c in loaded.circuit if c.pump.period), None)
+    with Progress(comm, loaded.title or case.stem, period=period) as progress:
         result = run_case(loaded, out=folder, resume=resume, comm=comm, progress=progress)
     show_result(result, comm, folder)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from valvefsi.errors import CaseError
 
 TYPES = {"Float32": np.float32, "Float64": np.float64}
+END = b"</VTKFile>"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,7 @@ class GridFields:
 
 
 def times_of(series: Path) -> list[tuple[float, Path]]:
-    """Return times and files of a series whose files are there, in order.
+    """Return times and files of a series whose files are complete, in order; a run may still be writing it.
 
     Args:
         series: The list of times, ``NAME.pvd``.
@@ -57,10 +58,24 @@ def times_of(series: Path) -> list[tuple[float, Path]]:
     except ET.ParseError as error:
         raise CaseError(f"this is not a ParaView series: {error}", file=series) from None
     found = [(float(item.get("timestep")), series.parent / item.get("file")) for item in items]
-    found = sorted(entry for entry in found if entry[1].is_file())
+    found = sorted(entry for entry in found if _is_complete(entry[1]))
     if not found:
-        raise CaseError("the series has no files yet", file=series)
+        raise CaseError("the series has no complete files yet", file=series)
     return found
+
+
+def _is_complete(path: Path) -> bool:
+    """Return whether a file and all the pieces it names are there to their ends."""
+    try:
+        pieces = [path.parent / piece.get("Source") for piece in ET.parse(path).getroot().iter("Piece")]
+        for piece in pieces:
+            with piece.open("rb") as file:
+                file.seek(-min(len(END) + 8, piece.stat().st_size), 2)
+                if not file.read().rstrip().endswith(END):
+                    return False
+    except (OSError, ET.ParseError):
+        return False
+    return bool(pieces)
 
 
 def nearest_time(series: Path, t: float | None) -> tuple[float, Path]:
@@ -92,7 +107,7 @@ def read_grid(path: Path, t: float = 0.0) -> GridFields:
         if whole.tag == "PImageData":
             origin, spacing = (np.array(whole.get(key).split(), dtype=float) for key in ("Origin", "Spacing"))
             edges = [o + h * np.arange(n + 1) for o, h, n in zip(origin, spacing, cells, strict=True)]
-    except (OSError, ET.ParseError, StopIteration, KeyError, ValueError, zlib.error) as error:
+    except (OSError, ET.ParseError, StopIteration, KeyError, IndexError, ValueError, zlib.error) as error:
         raise CaseError(f"this file of a fluid series cannot be read: {error}", file=path) from None
     return GridFields(t=t, edges=tuple(edges), fields=fields)
 
@@ -108,6 +123,8 @@ def _add_piece(path: Path, cells: tuple[int, ...], edges: list[NDArray], fields:
     mark = raw.index(b"_", raw.index(b">", start)) + 1
     root = ET.fromstring(raw[: mark - 1] + raw[raw.rindex(b"</AppendedData") :])
     data = memoryview(raw)[mark:]
+    if root.get("compressor") != "vtkZLibDataCompressor":
+        raise ValueError("it is not compressed by zlib, as an older release wrote it")
     piece = next(root.iter("Piece"))
     e = _extent(piece)
     where = tuple(slice(e[2 * a], e[2 * a + 1]) for a in range(3))

@@ -53,7 +53,7 @@ def draw_movie(
     *,
     plane: Plane | None,
     field: str,
-    fps: int = 12,
+    fps: int = 20,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Make a movie of all times of a field in a plane, with one scale.
@@ -156,16 +156,18 @@ def _write_mp4(path: Path, frames: Iterator[Path], fps: int) -> None:
 
 
 def bodies_at(folder: Path, t: float) -> list[Body]:
-    """Return the solids of a run at the time nearest to t, without the series of stresses."""
-    found = []
+    """Return the solids of a run at time t, without the series of stresses."""
+    found = [read_body(file) for file in sorted((Path(folder) / "paraview").glob("*.vtu"))]  # what stays
     for series in sorted((Path(folder) / "paraview").glob("*.pvd")):
         if series.stem in ("fluid", "averages") or series.stem.endswith("_stress"):
             continue
         entries = [
             (float(e.get("timestep")), e.get("file")) for e in ET.parse(series).getroot().iter("DataSet")
         ]
-        if entries:
-            file = series.parent / min(entries, key=lambda entry: abs(entry[0] - t))[1]
+        for when, name in entries:
+            file = series.parent / name
+            if abs(when - t) > 1e-9 * max(1.0, abs(t)):
+                continue
             if file.suffix == ".vtu" and file.is_file():
                 found.append(read_body(file))
     return found

@@ -34,6 +34,8 @@ UNITS = {
     "mean_velocity": "cm/s",
     "velocity": "cm/s",
 }
+FLAT = (5, 9, 22, 28, 69, 70)
+"""VTK's plane cells."""
 FACES = {
     4: ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
     8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
@@ -150,18 +152,32 @@ def _gradient(grid: GridFields) -> NDArray:
 
 
 def outline(body: Body, plane: Plane, dim: int) -> list[NDArray]:
-    """Return where a plane cuts the faces of a solid's cells, segments ``(2, 2)``; polygons of a flat solid [cm]."""
+    """Return where a plane cuts a solid's surface, segments ``(2, 2)``; polygons of a flat solid [cm]."""
     if dim == 2:
         return [
             body.points[nodes[: CORNERS[kind]], :2] for kind, block in body.cells.items() for nodes in block
         ]
     segments: list[NDArray] = []
     kept = [k for k in range(3) if k != plane.axis]
-    for kind, block in body.cells.items():
-        for face in FACES.get(CORNERS[kind], ()):
-            corners = body.points[np.asarray(block)[:, face]]
-            segments += list(_cut_faces(corners, plane, kept))
+    for faces in _surface(body):
+        segments += list(_cut_faces(body.points[faces], plane, kept))
     return segments
+
+
+def _surface(body: Body) -> list[NDArray]:
+    """Return the faces that belong to one cell only, and flat cells, by their number of corners."""
+    found: dict[int, list[NDArray]] = {}
+    for kind, block in body.cells.items():
+        corners = CORNERS[int(kind)]
+        flat = int(kind) in FLAT
+        for face in (range(corners),) if flat else FACES[corners]:
+            found.setdefault(len(face), []).append(np.asarray(block)[:, list(face)])
+    outer = []
+    for parts in found.values():
+        faces = np.concatenate(parts)
+        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+        outer.append(faces[first[count == 1]])
+    return outer
 
 
 def _cut_faces(corners: NDArray, plane: Plane, kept: Sequence[int]) -> NDArray:
@@ -199,7 +215,7 @@ def draw_slice(
         caption: Second line under it.
     """
     low, high = limits or scale_of(found.values)
-    signed = low < 0 < high
+    signed = low == -high  # a diverging map only where its middle is zero
     width, height = np.ptp(found.x), np.ptp(found.y)
     longest = 7.0 / max(width, height)
     size = (max(longest * width, 2.4), max(longest * height, 2.0))

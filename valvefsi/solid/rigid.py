@@ -27,6 +27,7 @@ class RigidSurface:
         name: Name in files.
         stiffness: kappa per area [dyn/cm^3].
         damping: eta per area [dyn s/cm^3].
+        faces: Corners of quadrilaterals between the points, for pictures, ``(m, 4)``.
 
     Attributes:
         X: Points, ``(n, 3)`` [cm].
@@ -43,6 +44,7 @@ class RigidSurface:
         name: str,
         stiffness: float,
         damping: float,
+        faces: NDArray[np.int64] | None = None,
     ) -> None:
         if not stiffness > 0.0 or not damping >= 0.0:
             raise ValueError(f"expected stiffness > 0 and damping >= 0, got {stiffness}, {damping}")
@@ -50,6 +52,7 @@ class RigidSurface:
         self.stiffness, self.damping = float(stiffness), float(damping)
         self.ids = np.asarray(mine, dtype=np.int64)
         self.num_nodes = len(points)
+        self.points, self.faces = points, faces
         self.X: Array = np.ascontiguousarray(points[mine])
         self._weights = areas[mine][:, None]
 
