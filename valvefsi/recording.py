@@ -145,7 +145,7 @@ def load_state(model: Model, output: Output, statistics: Statistics) -> State | 
     if found is None:
         return None
     meta, fields, points = found
-    statistics.restore({name: fields[name] for name in averages}, meta["statistics"])
+    statistics.restore({name: fields[name] for name in averages}, meta.get("statistics", {}))
     arrays = {name: grid.zeros() for name in places}
     for name, place in places.items():
         arrays[name][place] = fields[name]

@@ -60,6 +60,29 @@ def valve(
     typer.echo(f"written: {out}, {out.with_suffix('.json')}, {out.with_suffix('.png')}")
 
 
+@mesh.command("import")
+def import_(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Closed surface or volume mesh: .stl, .vtu, .msh ...")
+    ],
+    unit: Annotated[str, typer.Option(help="Length of the file's unit.")] = "1mm",
+    size: Annotated[str | None, typer.Option(help="Largest edge of the tetrahedra in a surface.")] = None,
+    angle: Annotated[
+        float, typer.Option(min=1.0, max=179.0, help="Turn of the normal at which patches part [deg].")
+    ] = 40.0,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE.msh", help="The mesh.")] = Path("body.msh"),
+) -> None:
+    """Take a leaflet from elsewhere; a closed surface is filled with tetrahedra. Writes FILE.msh in cm."""
+    from valvefsi.geometry.importing import import_mesh
+
+    largest = None if size is None else _length("--size", size)
+    numbers = import_mesh(file, out, scale=_length("--unit", unit), size=largest, angle=angle)
+    for name, value in numbers.items():
+        shown = ", ".join(map(str, value)) if isinstance(value, list) else value
+        typer.echo(f"{name:12s} {shown}")
+    typer.echo(f"written: {out}")
+
+
 def _length(key: str, text: str) -> float:
     """Read a length with its unit [cm]."""
     from pydantic_core import PydanticCustomError

@@ -1,0 +1,108 @@
+"""Meshes from elsewhere: volumes and areas of bodies that are known, patches, tags, refusals."""
+
+from __future__ import annotations
+
+import math
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+from typer.testing import CliRunner
+
+from valvefsi.cli import app
+from valvefsi.errors import CaseError
+from valvefsi.geometry.importing import import_mesh
+from valvefsi.geometry.mesh import read_mesh
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="files are written by one rank")
+
+CORNERS = np.array([(i, j, k) for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float) * [
+    10.0,
+    20.0,
+    5.0,
+]
+SQUARES = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+TRIANGLES = np.array([t for a, b, c, d in SQUARES for t in ((a, b, c), (a, c, d))])
+
+
+def test_a_box_of_triangles_is_filled(tmp_path):
+    meshio.Mesh(CORNERS, [("triangle", TRIANGLES)]).write(tmp_path / "box.stl", binary=True)
+    numbers = import_mesh(tmp_path / "box.stl", tmp_path / "box.msh", scale=0.1, size=0.3)
+    assert numbers["volume_cm3"] == pytest.approx(1.0 * 2.0 * 0.5, rel=1e-9)
+    assert numbers["extent_cm"] == pytest.approx([1.0, 2.0, 0.5])
+    assert numbers["tags"][-1] == "body"
+    assert len(numbers["tags"]) >= 7  # gmsh may cut a side that it cannot flatten
+    mesh = read_mesh(tmp_path / "box.msh", MPI.COMM_SELF)
+    assert mesh.dim == 3
+    assert mesh.tag("surface_1")[0] == 2
+
+
+def test_a_sphere_is_one_patch(tmp_path):
+    n = 24
+    theta, phi = np.linspace(0, math.pi, n + 1)[1:-1], 2 * math.pi * np.arange(2 * n) / (2 * n)
+    ring = np.stack(
+        [
+            np.outer(np.sin(theta), np.cos(phi)),
+            np.outer(np.sin(theta), np.sin(phi)),
+            np.outer(np.cos(theta), np.ones(2 * n)),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    points = np.concatenate([ring, [[0, 0, 1.0]], [[0, 0, -1.0]]])
+    index = np.arange(len(ring)).reshape(n - 1, 2 * n)
+    following = np.roll(index, -1, axis=1)
+    quads = np.stack([index[:-1], index[1:], following[1:], following[:-1]], axis=-1).reshape(-1, 4)
+    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    top = np.stack([index[0], following[0], np.full(2 * n, len(ring))], axis=1)
+    bottom = np.stack([following[-1], index[-1], np.full(2 * n, len(ring) + 1)], axis=1)
+    meshio.Mesh(points, [("triangle", np.concatenate([triangles, top, bottom]))]).write(
+        tmp_path / "sphere.vtu"
+    )
+    numbers = import_mesh(tmp_path / "sphere.vtu", tmp_path / "sphere.msh", size=0.2)
+    assert numbers["volume_cm3"] == pytest.approx(4.0 / 3.0 * math.pi, rel=0.03)
+    assert 0.97 * 4.0 / 3.0 * math.pi < numbers["volume_cm3"] < 4.0 / 3.0 * math.pi
+    assert numbers["cell"] == "tetrahedron"
+
+
+def test_a_volume_mesh_keeps_its_cells(tmp_path):
+    x = np.array([(i, j, k) for k in range(2) for j in range(3) for i in range(4)], dtype=float)
+
+    def at(i, j, k):
+        return i + 4 * (j + 3 * k)
+
+    cells = [
+        [at(i, j, 0), at(i + 1, j, 0), at(i + 1, j + 1, 0), at(i, j + 1, 0)]
+        + [at(i, j, 1), at(i + 1, j, 1), at(i + 1, j + 1, 1), at(i, j + 1, 1)]
+        for j in range(2)
+        for i in range(3)
+    ]
+    meshio.Mesh(x, [("hexahedron", cells)]).write(tmp_path / "block.vtu")
+    numbers = import_mesh(tmp_path / "block.vtu", tmp_path / "block.msh")
+    assert (numbers["cells"], numbers["nodes"], numbers["cell"]) == (6, 24, "hexahedron")
+    assert numbers["volume_cm3"] == pytest.approx(6.0)
+    mesh = read_mesh(tmp_path / "block.msh", MPI.COMM_SELF)
+    facets = [len(mesh.facet_tags.find(mesh.tag(f"surface_{k}")[1])) for k in range(1, 7)]
+    assert sorted(facets) == [2, 2, 3, 3, 6, 6]
+
+
+def test_what_cannot_be_used_is_said(tmp_path):
+    meshio.Mesh(CORNERS, [("triangle", TRIANGLES[:-1])]).write(tmp_path / "open.stl", binary=True)
+    with pytest.raises(CaseError, match="not closed: 3 edges"):
+        import_mesh(tmp_path / "open.stl", tmp_path / "open.msh")
+    with pytest.raises(CaseError, match="no such mesh file"):
+        import_mesh(tmp_path / "none.stl", tmp_path / "none.msh")
+    (tmp_path / "bad.vtu").write_text("no mesh")
+    with pytest.raises(CaseError, match="cannot read this file"):
+        import_mesh(tmp_path / "bad.vtu", tmp_path / "bad.msh")
+    with pytest.raises(CaseError, match=r"ends in \.msh"):
+        import_mesh(tmp_path / "open.stl", tmp_path / "open.vtu")
+
+
+def test_the_command(tmp_path):
+    meshio.Mesh(CORNERS, [("triangle", TRIANGLES)]).write(tmp_path / "box.stl", binary=True)
+    done = CliRunner().invoke(
+        app, ["mesh", "import", str(tmp_path / "box.stl"), "--size", "4mm", "--out", str(tmp_path / "b.msh")]
+    )
+    assert done.exit_code == 0, done.output
+    assert "volume_cm3   1" in done.output or "volume_cm3   0.99" in done.output
