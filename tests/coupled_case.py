@@ -21,14 +21,16 @@ STEPS = 40
 DT = 0.02
 
 
-def block_model(comm=MPI.COMM_WORLD, *, lid=0.0, tether=2e4, load=200.0, cells=24):
+def block_model(
+    comm=MPI.COMM_WORLD, *, lid=0.0, tether=2e4, load=200.0, cells=24, elements=(8, 4), nu_stab=0.4
+):
     """Block of Lee2020 E.1 on a coarse grid, loaded at once, under a lid that moves."""
-    mesh = compressed_block(comm, elements=(8, 4))
+    mesh = compressed_block(comm, elements=elements)
     solid = Structure(
         mesh,
         NeoHookean(c1=80.194),
         name="block",
-        nu_stab=0.4,
+        nu_stab=nu_stab,
         discretisation=Discretisation(kernel="bspline3"),
         damping=4.0,
         tethers=[

@@ -63,3 +63,19 @@ def test_the_plan_states_sizes_limits_give_and_time(shared_tmp):
     for name in ("memory, all ranks", "time of a step", "expected time", "viscous limit"):
         assert entries[name].value > 0
     assert not (shared_tmp / "history.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "warned"),
+    [
+        ({"cells": 16}, []),
+        ({"cells": 24}, ["fluid leaks between nodes: edges of 1.50 h"]),
+        ({"cells": 16, "nu_stab": None}, ["no volumetric energy"]),
+    ],
+)
+def test_the_plan_warns_where_a_case_leaves_the_safe_range(shared_tmp, changes, warned):
+    run = simulation(shared_tmp, model=block_model(**changes))
+    notes = [entry.note for entry in plan(run) if entry.quantity == "warning, block"]
+    assert len(notes) == len(warned)
+    for note, start in zip(notes, warned, strict=True):
+        assert note.startswith(start)

@@ -116,6 +116,14 @@ def geometry_nodes(mesh: dolfinx.mesh.Mesh) -> NDArray[np.int32]:
     return table[: mesh.topology.index_map(mesh.topology.dim).size_local]
 
 
+def edges(mesh: dolfinx.mesh.Mesh) -> list[list[int]]:
+    """Return the pairs of a cell's vertices that edges join, in the order of `geometry_nodes`."""
+    import basix
+
+    element = mesh.ufl_domain().ufl_coordinate_element().basix_element
+    return basix.topology(element.cell_type)[1]
+
+
 def create_vector(space: fem.FunctionSpace) -> PETSc.Vec:
     """Create a PETSc vector with the ghosts of ``space``.
 

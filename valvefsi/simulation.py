@@ -242,9 +242,10 @@ class Simulation:
             smallest = row[f"{solid.name}_J_min"]
             if not smallest > 0.0:
                 where = _place(self._worst_cell(solid, chi), self.model.grid.dim)
+                free = "" if solid.kappa > 0.0 else "; it has no volumetric energy to keep J near 1 (nu_stab)"
                 raise StabilityError(
                     f"an element of {solid.name} is inverted, J = {smallest:.3g}, near {where}, t = {state.t:.6g} s "
-                    f"(step {state.step}); try a smaller time step, a finer mesh or a larger nu_stab"
+                    f"(step {state.step}){free}; try a smaller time step, a finer mesh or a larger nu_stab"
                 )
 
     def _worst_cell(self, solid: object, chi: Array) -> Array:

@@ -54,6 +54,9 @@ class ElementalCoupling:
         ValueError: The kernel is not known, or the gap is not positive.
     """
 
+    nodal = False
+    """Whether the nodes themselves are the points."""
+
     def __init__(self, grid: MacGrid, kernel: str, points: Points, gap: float = GAP) -> None:
         if not gap > 0.0:
             raise ValueError(f"the largest gap must be positive, got {gap}")

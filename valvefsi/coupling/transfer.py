@@ -25,6 +25,9 @@ class Coupling:
         ValueError: The kernel is not known.
     """
 
+    nodal = True
+    """Whether the nodes themselves are the points."""
+
     def __init__(self, grid: MacGrid, kernel: str) -> None:
         if kernel not in kernels.KERNELS:
             raise ValueError(f"unknown kernel {kernel!r}, a kernel is one of {', '.join(kernels.KERNELS)}")

@@ -281,6 +281,14 @@ class Structure:
         damping = self.comm.allreduce(float(self._damper.max(initial=0.0)), op=MPI.MAX)
         return Stiffness(self.material.shear_modulus, self.kappa, edge, tether, damping)
 
+    def longest_edge(self) -> float:
+        """Return the length of the longest edge of a cell [cm] (collective)."""
+        domain = self.mesh.mesh
+        corners = domain.geometry.x[compat.geometry_nodes(domain)]
+        a, b = np.array(compat.edges(domain)).T
+        edge = np.linalg.norm(corners[:, a] - corners[:, b], axis=2).max(initial=0.0)
+        return self.comm.allreduce(float(edge), op=MPI.MAX)
+
     def thickness(self) -> float:
         """Return the thickness of a plate of this volume and surface, 2 V / A [cm] (collective)."""
         return 2.0 * self.reference_volume / surface_area(self.space)
