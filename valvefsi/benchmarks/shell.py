@@ -131,7 +131,7 @@ def run(
                 Numerics(grid=n, ratio=setup.ratio, kernel=kernel, coupling=coupling, nu_stab=None)
                 for n in grids
             ]
-            series[f"shell, {kernel}, {coupling}"] = [_shell(run, values, comm) for run in runs]
+            series[f"shell, {kernel}, {coupling}"] = [shell_at_rest(run, values, comm) for run in runs]
         series[f"membrane, {kernel}"] = [_membrane(kernel, n, setup.ratio, values, comm) for n in grids]
     result = {
         "benchmark": "shell",
@@ -177,7 +177,7 @@ def _fastest(grid: MacGrid, state: fsi.State) -> float:
     return float(grid.comm.allreduce(local, op=MPI.MAX))
 
 
-def _shell(numerics: Numerics, values: Mapping[str, float], comm: MPI.Comm) -> dict[str, float]:
+def shell_at_rest(numerics: Numerics, values: Mapping[str, float], comm: MPI.Comm) -> dict[str, float]:
     """Return errors of p and the spurious velocity of the shell on one grid (collective)."""
     n, radius, wall = numerics.grid, values["radius"], values["wall"]
     size = numerics.ratio / n
