@@ -46,7 +46,9 @@ def test_the_printed_case_is_a_case_with_every_key_in_it(file):
     text = case_defaults()
     for definition in case_schema()["$defs"].values():
         for key, entry in definition.get("properties", {}).items():
-            assert re.search(rf"^(# )?\[*(# )?[\w.]*\b{key}\b(\]+$| = )", text, re.M) or key.startswith("z_"), key
+            assert re.search(rf"^(# )?\[*(# )?[\w.]*\b{key}\b(\]+$| = )", text, re.M) or key.startswith(
+                "z_"
+            ), key
             assert entry.get("description"), key
 
 
