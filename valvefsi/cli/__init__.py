@@ -124,6 +124,7 @@ def _leave_together(message: str, code: int) -> None:
     if alone or _launched_rank() == 0:
         print(f"rank {comm.rank}: {message}" if alone else message, file=sys.stderr, flush=True)
     if alone:
+        time.sleep(GRACE)  # so that the launcher has passed the message on
         comm.Abort(code)
 
 
