@@ -173,6 +173,7 @@ def _discretisation(solid: Solid) -> Discretisation:
         kernel=solid.kernel,
         volumetric=solid.volumetric,
         kappa=solid.kappa,
+        volumetric_degree=solid.volumetric_degree,
     )
 
 

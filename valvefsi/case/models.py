@@ -246,6 +246,14 @@ class Solid(Table):
         "log",
         description='Volumetric term: "log" (kappa/2 (ln J)^2), "quadratic" (kappa/2 (J - 1)^2) or "simo_taylor"',
     )
+    volumetric_degree: int | None = Field(
+        None,
+        ge=1,
+        le=20,
+        description="Degree the quadrature of the volumetric term is exact for, that of the forces when left out; "
+        "1 frees linear quadrilaterals and hexahedra from volumetric locking, 3 quadratic ones",
+        examples=[1],
+    )
     material: Material = Field(description="Material")
     fibre: tuple[Fibre, ...] = Field((), description="Fibre fields")
     tether: tuple[Tether, ...] = Field((), description="Tethers")

@@ -35,6 +35,8 @@ class Elasticity:
         volumetric: Volumetric energy U(J); a modulus of 0 leaves it out.
         quadrature_degree: Degree of the quadrature of forces and energy.
         fibres: Fibre fields of the mesh by name.
+        volumetric_degree: Degree of the quadrature of U; that of W unless given. One less than full (degree 1 for
+            linear hexahedra: J of the midpoint) frees bending from volumetric locking (Malkus and Hughes 1978).
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class Elasticity:
         volumetric: Volumetric,
         quadrature_degree: int,
         fibres: Mapping[str, fem.Function] | None = None,
+        volumetric_degree: int | None = None,
     ) -> None:
         self.space = space
         self.mesh = space.mesh
@@ -52,17 +55,19 @@ class Elasticity:
         self._num_cells = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         F = ufl.variable(ufl.grad(self.position))
         kinematics = Kinematics(F, fibres)
-        W = material.energy(kinematics)
-        if volumetric.kappa > 0:
-            W = W + volumetric.energy(kinematics)
         # Where the integrand is constant in each cell one point is exact, and costs less than half.
         points = 1 if _is_constant_in_cells(space, fibres) else quadrature_degree
-        dX = ufl.dx(domain=self.mesh, degree=points)
+        energies = {points: material.energy(kinematics)}
+        if volumetric.kappa > 0:
+            degree = min(points, volumetric_degree or points)
+            energies[degree] = energies.get(degree, 0.0) + volumetric.energy(kinematics)
+        parts = [(W, ufl.dx(domain=self.mesh, degree=degree)) for degree, W in energies.items()]
         test = ufl.TestFunction(space)
-        self._force_form = compat.compile_form(-ufl.inner(ufl.diff(W, F), ufl.grad(test)) * dX)
+        power = sum(ufl.inner(ufl.diff(W, F), ufl.grad(test)) * dX for W, dX in parts)
+        self._force_form = compat.compile_form(-power)
         self._constants = compat.pack_constants(self._force_form)
         self._coefficients = PackedPosition(self._force_form, self.position)
-        self._energy_form = compat.compile_form(W * dX)
+        self._energy_form = compat.compile_form(sum(W * dX for W, dX in parts))
         self._residual = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
         self._num_owned = space.dofmap.index_map.size_local
         self._parallel = self.mesh.comm.size > 1

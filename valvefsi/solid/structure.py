@@ -42,6 +42,7 @@ class Discretisation:
         kernel: Name of the regularised delta function (the coupling reads it).
         volumetric: Volumetric energy of the stabilisation, see `Volumetric`.
         kappa: Numerical bulk modulus instead of the one that nu_stab gives, 0 for off [dyn/cm^2].
+        volumetric_degree: Degree of the quadrature of the volumetric energy; None takes that of the forces.
     """
 
     degree: int = 1
@@ -49,6 +50,7 @@ class Discretisation:
     kernel: str = "bspline3"
     volumetric: str = "log"
     kappa: float | None = None
+    volumetric_degree: int | None = None
 
     def __post_init__(self) -> None:
         if self.degree not in (1, 2):
@@ -57,6 +59,9 @@ class Discretisation:
             object.__setattr__(self, "quadrature_degree", 2 * self.degree + 1)
         if not 1 <= self.quadrature_degree <= 30:
             raise CaseError("expected 1 to 30", key="quadrature_degree", value=self.quadrature_degree)
+        if not 1 <= (self.volumetric_degree or 1) <= self.quadrature_degree:
+            message = f"expected 1 to quadrature_degree = {self.quadrature_degree}"
+            raise CaseError(message, key="volumetric_degree", value=self.volumetric_degree)
 
 
 class Stiffness(NamedTuple):
@@ -132,8 +137,8 @@ class Structure:
         self.space = fem.functionspace(mesh.mesh, ("Lagrange", discretisation.degree, (self.dim,)))
         self._place_nodes()
         self._assemble_supports()
-        degree = discretisation.quadrature_degree
-        self.elasticity = Elasticity(self.space, material, self.volumetric, degree, mesh.fibres)
+        degrees = discretisation.quadrature_degree, mesh.fibres, discretisation.volumetric_degree
+        self.elasticity = Elasticity(self.space, material, self.volumetric, *degrees)
 
     def _place_nodes(self) -> None:
         """Set reference positions and global numbers of the owned nodes."""
