@@ -12,10 +12,10 @@ from mpi4py import MPI
 from valvefsi.case import load_case
 from valvefsi.case.build import build, run_case
 from valvefsi.case.valve_report import report_valve
+from valvefsi.diagnostics.surfaces import surface_triangles
 from valvefsi.errors import CaseError
 from valvefsi.grading import core_edges
 from valvefsi.io.history import read_history
-from valvefsi.recording import surface_triangles
 
 DEMO = Path(__file__).parents[1] / "demos" / "pericardial_valve.toml"
 COARSE = (

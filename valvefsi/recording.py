@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from valvefsi import diagnostics
 from valvefsi.diagnostics import Section
+from valvefsi.diagnostics.surfaces import surface_triangles
 from valvefsi.errors import CaseError
 from valvefsi.fsi import Model, State
 from valvefsi.grid import Array, MacGrid
@@ -20,12 +21,6 @@ from valvefsi.io.paraview import BodySeries, FluidSeries, SolidSeries
 from valvefsi.io.solid_body import Body, write_body
 from valvefsi.statistics import Line, Statistics
 from valvefsi.units import MMHG
-
-VTK_FACES = {
-    10: [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]],
-    12: [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]],
-}
-"""Corners of the faces of a cell, by its VTK type."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,15 +174,6 @@ def refuse_to_overwrite(model: Model, output: Output) -> None:
 def grid_part(array: Array, place: tuple[slice, ...]) -> Array:
     """Contiguous copy of a part of a local array."""
     return np.ascontiguousarray(array[place])
-
-
-def surface_triangles(kind: int, cells: Array) -> Array:
-    """Return the faces of hexahedra (VTK 12) or tetrahedra (VTK 10) that belong to one cell alone, as triangles."""
-    sides = VTK_FACES[kind]
-    faces = cells[:, sides].reshape(-1, len(sides[0]))
-    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    outer = faces[first[count == 1]]
-    return outer if outer.shape[1] == 3 else np.concatenate([outer[:, [0, 1, 2]], outer[:, [0, 2, 3]]])
 
 
 def _edges(grid: MacGrid) -> list[Array]:
