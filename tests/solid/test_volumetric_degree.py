@@ -14,14 +14,14 @@ MATERIAL = NeoHookean(c1=3.0)  # W = c1 (I1_bar - 3)
 KAPPA = 5e4
 
 
-def strip(comm, kind, **options):
+def strip(comm, kind, nu_stab=None, **options):
     """One layer of elements, 4 x 0.5 (x 1) cm."""
     if kind == "quadrilateral":
         mesh = rectangle(comm, lower=(0, 0), size=(4, 0.5), elements=(4, 1), cell=kind)
     else:
         mesh = box(comm, lower=(0, 0, 0), size=(4, 0.5, 1), elements=(4, 1, 1), cell=kind)
     given = {"degree": 1, "kappa": KAPPA, "volumetric": "quadratic"} | options
-    return Structure(mesh, MATERIAL, discretisation=Discretisation(**given))
+    return Structure(mesh, MATERIAL, nu_stab=nu_stab, discretisation=Discretisation(**given))
 
 
 def bent(X, curvature):
@@ -55,11 +55,23 @@ def test_the_midpoint_rule_keeps_the_whole_stiffness_against_swelling(comm, kind
     assert freed.energy(chi) == pytest.approx(0.5 * KAPPA * (1.02**full.dim - 1) ** 2 * 2.0, rel=0.02)
 
 
+def test_the_part_that_nu_stab_gives_keeps_the_quadrature_of_the_forces(comm):
+    held = strip(comm, "hexahedron", nu_stab=0.4, volumetric_degree=1)
+    soft = strip(comm, "hexahedron", nu_stab=0.4, kappa=None)
+    chi = bent(held.X, 0.1)
+    assert soft.kappa == pytest.approx(2 * 3.0 * 1.4 / (3 * 0.2))
+    assert held.energy(chi) == pytest.approx(soft.energy(chi), rel=1e-12)
+    grown = 1.02 * held.X
+    assert held.energy(grown) == pytest.approx(0.5 * KAPPA * (1.02**3 - 1) ** 2 * 2.0, rel=1e-10)
+
+
 @pytest.mark.parametrize(("degree", "volumetric_degree"), [(1, 1), (2, 3)])
 def test_forces_are_minus_the_gradient_of_the_energy(comm, degree, volumetric_degree):
     solid = strip(comm, "hexahedron", degree=degree, volumetric_degree=volumetric_degree)
     X = solid.X
-    chi = X + 0.05 * np.sin(np.stack([2 * X[:, 1] + X[:, 0], 3 * X[:, 0] - X[:, 1], X[:, 0] * X[:, 2]], axis=1))
+    chi = X + 0.05 * np.sin(
+        np.stack([2 * X[:, 1] + X[:, 0], 3 * X[:, 0] - X[:, 1], X[:, 0] * X[:, 2]], axis=1)
+    )
     d = np.cos(np.stack([X[:, 2] + X[:, 0], X[:, 0] - X[:, 1], X[:, 1]], axis=1))
     step = 1e-5
     slope = (solid.energy(chi + step * d) - solid.energy(chi - step * d)) / (2 * step)
@@ -70,3 +82,5 @@ def test_forces_are_minus_the_gradient_of_the_energy(comm, degree, volumetric_de
 def test_a_degree_above_that_of_the_forces_is_refused():
     with pytest.raises(CaseError, match=r"volumetric_degree.*expected 1 to quadrature_degree = 3"):
         Discretisation(degree=1, volumetric_degree=4)
+    with pytest.raises(CaseError, match="volumetric_degree.*give kappa"):
+        Discretisation(volumetric_degree=1)

@@ -250,8 +250,8 @@ class Solid(Table):
         None,
         ge=1,
         le=20,
-        description="Degree the quadrature of the volumetric term is exact for, that of the forces when left out; "
-        "1 frees linear quadrilaterals and hexahedra from volumetric locking, 3 quadratic ones",
+        description="Quadrature degree of what kappa adds to the bulk modulus of nu_stab, that of the forces when "
+        "left out; 1 frees linear quadrilaterals and hexahedra from volumetric locking, 3 quadratic ones",
         examples=[1],
     )
     material: Material = Field(description="Material")

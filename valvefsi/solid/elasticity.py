@@ -17,7 +17,7 @@ from valvefsi.solid.kinematics import Kinematics
 from valvefsi.solid.packing import PackedPosition
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -32,21 +32,20 @@ class Elasticity:
     Args:
         space: Vector Lagrange space of the position, ``dim`` components.
         material: Isochoric energy W.
-        volumetric: Volumetric energy U(J); a modulus of 0 leaves it out.
-        quadrature_degree: Degree of the quadrature of forces and energy.
+        volumetric: Volumetric energies U(J), each with the degree of its quadrature; a modulus of 0 leaves one out.
+            A reduced degree (1 for linear hexahedra: J of the midpoint) frees bending from volumetric locking
+            (Malkus and Hughes 1978).
+        quadrature_degree: Degree of the quadrature of W, and of the points at which J is told.
         fibres: Fibre fields of the mesh by name.
-        volumetric_degree: Degree of the quadrature of U; that of W unless given. One less than full (degree 1 for
-            linear hexahedra: J of the midpoint) frees bending from volumetric locking (Malkus and Hughes 1978).
     """
 
     def __init__(
         self,
         space: fem.FunctionSpace,
         material: Material,
-        volumetric: Volumetric,
+        volumetric: Sequence[tuple[Volumetric, int]],
         quadrature_degree: int,
         fibres: Mapping[str, fem.Function] | None = None,
-        volumetric_degree: int | None = None,
     ) -> None:
         self.space = space
         self.mesh = space.mesh
@@ -58,9 +57,9 @@ class Elasticity:
         # Where the integrand is constant in each cell one point is exact, and costs less than half.
         points = 1 if _is_constant_in_cells(space, fibres) else quadrature_degree
         energies = {points: material.energy(kinematics)}
-        if volumetric.kappa > 0:
-            degree = min(points, volumetric_degree or points)
-            energies[degree] = energies.get(degree, 0.0) + volumetric.energy(kinematics)
+        for U, degree in volumetric:
+            if U.kappa > 0:
+                energies[min(degree, points)] = energies.get(min(degree, points), 0.0) + U.energy(kinematics)
         parts = [(W, ufl.dx(domain=self.mesh, degree=degree)) for degree, W in energies.items()]
         test = ufl.TestFunction(space)
         power = sum(ufl.inner(ufl.diff(W, F), ufl.grad(test)) * dX for W, dX in parts)

@@ -17,7 +17,7 @@ from valvefsi.errors import CaseError
 from valvefsi.solid.elasticity import Elasticity
 from valvefsi.solid.fibres import check_fibres
 from valvefsi.solid.lumping import lumped_weights, surface_area
-from valvefsi.solid.materials import stabilisation
+from valvefsi.solid.materials import Volumetric, kappa_stab, stabilisation
 from valvefsi.solid.moving_tether import MovingTether
 from valvefsi.solid.numbering import number_nodes
 
@@ -42,7 +42,8 @@ class Discretisation:
         kernel: Name of the regularised delta function (the coupling reads it).
         volumetric: Volumetric energy of the stabilisation, see `Volumetric`.
         kappa: Numerical bulk modulus instead of the one that nu_stab gives, 0 for off [dyn/cm^2].
-        volumetric_degree: Degree of the quadrature of the volumetric energy; None takes that of the forces.
+        volumetric_degree: Degree of the quadrature of what kappa adds to the bulk modulus of nu_stab, which keeps
+            that of the forces and with it single points from inverting; None for that of the forces everywhere.
     """
 
     degree: int = 1
@@ -61,6 +62,9 @@ class Discretisation:
             raise CaseError("expected 1 to 30", key="quadrature_degree", value=self.quadrature_degree)
         if not 1 <= (self.volumetric_degree or 1) <= self.quadrature_degree:
             message = f"expected 1 to quadrature_degree = {self.quadrature_degree}"
+            raise CaseError(message, key="volumetric_degree", value=self.volumetric_degree)
+        if self.volumetric_degree is not None and self.kappa is None:
+            message = "it is the quadrature of what kappa adds to the bulk modulus of nu_stab; give kappa"
             raise CaseError(message, key="volumetric_degree", value=self.volumetric_degree)
 
 
@@ -137,8 +141,17 @@ class Structure:
         self.space = fem.functionspace(mesh.mesh, ("Lagrange", discretisation.degree, (self.dim,)))
         self._place_nodes()
         self._assemble_supports()
-        degrees = discretisation.quadrature_degree, mesh.fibres, discretisation.volumetric_degree
-        self.elasticity = Elasticity(self.space, material, self.volumetric, *degrees)
+        degree = discretisation.quadrature_degree
+        self.elasticity = Elasticity(self.space, material, self._volumetric_parts(), degree, mesh.fibres)
+
+    def _volumetric_parts(self) -> list[tuple[Volumetric, int]]:
+        """Return the volumetric energies and the degrees of their quadratures."""
+        given = self.discretisation
+        if given.volumetric_degree is None:
+            return [(self.volumetric, given.quadrature_degree)]
+        full = min(kappa_stab(self.material.shear_modulus, self.nu_stab), self.kappa)
+        parts = (full, given.quadrature_degree), (self.kappa - full, given.volumetric_degree)
+        return [(Volumetric(kappa=kappa, form=given.volumetric), degree) for kappa, degree in parts]
 
     def _place_nodes(self) -> None:
         """Set reference positions and global numbers of the owned nodes."""
