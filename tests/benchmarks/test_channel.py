@@ -37,5 +37,5 @@ def test_both_flows_converge_with_order_two(shared_tmp):
     if WORLD.rank == 0:
         assert json.loads((shared_tmp / "result.json").read_text())["benchmark"] == "channel"
         assert (shared_tmp / "profiles.png").stat().st_size > 10000
-    with pytest.raises(CaseError, match="expected one of womersley"):
+    with pytest.raises(CaseError, match="mu = 1: unknown parameter; there are 'womersley'"):
         run(cells=8, out=shared_tmp, overrides=["mu=1"])

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from valvefsi.benchmarks import cavity_solids, cook, shell, torsion
 from valvefsi.benchmarks.immersed import Numerics, run_kept
 from valvefsi.benchmarks.immersed_study import Setup, order_of
-from valvefsi.benchmarks.static_study import read_parameters
+from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.errors import CaseError
 from valvefsi.geometry.blocks import ball, ring
 from valvefsi.geometry.shapes import box

@@ -15,6 +15,7 @@ from valvefsi.benchmarks.immersed import Numerics
 from valvefsi.benchmarks.kernel_problems import COMPRESSION, COOK, SHELL, block_elements, run_halving
 from valvefsi.benchmarks.kernel_rules import rules
 from valvefsi.benchmarks.kernels import Setup, TimeLeft, line_of, run
+from valvefsi.benchmarks.parameters import defaults
 from valvefsi.cli.kernel_study import shown
 from valvefsi.errors import CaseError
 
@@ -22,7 +23,7 @@ TINY = {"kernels": ("bspline3",), "ratios": (1.0,), "couplings": ("nodal",)}
 
 
 def numbers(**changed):
-    return {key: default for key, (default, _) in COOK.parameters.items()} | changed
+    return defaults(COOK.parameters) | changed
 
 
 @pytest.fixture
@@ -162,7 +163,7 @@ def test_meshes_have_the_ratios_asked_for():
 
 def test_the_block_is_compared_with_its_converged_statics(comm, monkeypatch):
     monkeypatch.setattr(kernel_problems, "STATIC", 8)
-    values = {key: default for key, (default, _) in COMPRESSION.parameters.items()}
+    values = defaults(COMPRESSION.parameters)
     known = COMPRESSION.reference(values, comm)
     assert known == pytest.approx(statics_compression.CONVERGED, rel=1e-3)
 

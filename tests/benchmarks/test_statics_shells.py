@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi.benchmarks import hgo_strip, land, thick_shells
+from valvefsi.benchmarks.parameters import defaults
 from valvefsi.benchmarks.static_study import Setup, run_study
 from valvefsi.errors import CaseError
 from valvefsi.geometry.benchmark_shapes import truncated_ellipsoid
@@ -20,8 +21,8 @@ from valvefsi.solid.pointwise import Pointwise
 from valvefsi.solid.stress import Stress, stress_of_solution
 
 REFERENCE = Path(__file__).parents[1] / "reference"
-SHELL = {name: default for name, (default, _) in thick_shells.PARAMETERS.items()}
-STRIP = {name: default for name, (default, _) in hgo_strip.PARAMETERS.items()}
+SHELL = defaults(thick_shells.PARAMETERS)
+STRIP = defaults(hgo_strip.PARAMETERS)
 
 
 @pytest.fixture(scope="module")

@@ -10,13 +10,14 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks import valve_2d
+from valvefsi.benchmarks.parameters import defaults
 from valvefsi.benchmarks.polygon_gap import gap
 from valvefsi.benchmarks.valve_2d import COLUMNS, HEIGHT, PARAMETERS, ROOT, Setup, Watch, numbers
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.errors import CaseError, StabilityError
 
 WORLD = MPI.COMM_WORLD
-VALUES = {key: value for key, (value, _) in PARAMETERS.items()}
+VALUES = defaults(PARAMETERS)
 CELLS, KERNEL = 32, "bspline3"
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 

@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
-from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, Open
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import Array, MacGrid
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
 
-PARAMETERS = {"womersley": 6.0, "viscosity": 0.1, "length": 2.0}
+PARAMETERS = {"womersley": (6.0, "1"), "viscosity": (0.1, "1"), "length": (2.0, "1")}
 SOURCE = "closed form"
 
 
@@ -65,7 +65,7 @@ def run(
     Note:
         Collective.
     """
-    parameters = _parameters(overrides)
+    parameters = read_parameters(PARAMETERS, overrides)
     started, sizes = time.perf_counter(), [cells * 2**k for k in range(refine + 1)]
     errors: dict[str, list[float]] = {"poiseuille": [], "womersley": []}
     curves: dict[str, list] = {}
@@ -152,18 +152,3 @@ def _profile(grid: MacGrid, u: Array) -> Array:
     whole[mine] = u[grid.owned].sum(axis=(0, 2)) / grid.cells[0]
     grid.comm.Allreduce(MPI.IN_PLACE, whole)
     return whole
-
-
-def _parameters(overrides: Sequence[str]) -> dict[str, float]:
-    parameters = dict(PARAMETERS)
-    for entry in overrides:
-        key, _, value = entry.partition("=")
-        if key not in parameters:
-            raise CaseError(f"expected one of {', '.join(parameters)}", key=key, value=value)
-        try:
-            parameters[key] = float(value)
-        except ValueError:
-            raise CaseError("expected a number", key=key, value=value) from None
-        if not parameters[key] > 0.0:
-            raise CaseError("expected a number above 0", key=key, value=value)
-    return parameters

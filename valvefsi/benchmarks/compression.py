@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from valvefsi.benchmarks.parameters import read_quantities
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.case import Case, parse_case
 from valvefsi.case.build import build, write_case
-from valvefsi.case.overrides import nearest, split_override
-from valvefsi.case.quantities import Quantity
-from valvefsi.errors import CaseError
+from valvefsi.case.overrides import split_override
 from valvefsi.io.history import read_history
 from valvefsi.planning import plan as make_plan
 from valvefsi.simulation import Outcome, Progress, Simulation
@@ -123,29 +122,13 @@ def compression_case(setup: Setup) -> Case:
     Raises:
         CaseError: An override or the outcome is not a valid case.
     """
-    values, dotted = {name: default for name, (default, _) in PARAMETERS.items()}, []
-    given = dict(split_override(text) for text in setup.overrides)
-    for text in setup.overrides:
-        key, value = split_override(text)
-        if key in PARAMETERS:
-            values[key] = _parse(key, value)
-        elif "." in key:
-            dotted.append(text)
-        else:
-            known = list(PARAMETERS)
-            raise CaseError(f"unknown parameter{nearest(key, known)}", file="--set", key=key, value=value)
+    keys = {text: split_override(text)[0] for text in setup.overrides}
+    dotted = [text for text, key in keys.items() if "." in key]
+    values = read_quantities(PARAMETERS, [text for text, key in keys.items() if "." not in key])
+    given = keys.values()
     if "c1" in given and "damping" not in given:
         values["damping"] = 0.05 * values["c1"]
     return parse_case(_raw_case(setup, values), dotted)
-
-
-def _parse(key: str, value: object) -> float:
-    from pydantic_core import PydanticCustomError
-
-    try:
-        return Quantity(PARAMETERS[key][1]).parse(value)
-    except PydanticCustomError as error:
-        raise CaseError(error.message(), file="--set", key=key, value=value) from None
 
 
 def _raw_case(setup: Setup, v: Mapping[str, float]) -> dict[str, object]:

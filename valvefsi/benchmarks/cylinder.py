@@ -16,9 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
+from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
+from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
-from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Open, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grading import graded_edges
@@ -28,7 +29,13 @@ from valvefsi.planning import largest_square_sum
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
 
-PARAMETERS = {"reynolds": 100.0, "t_end": 150.0, "cfl": 0.2, "width": 40.0, "kernel": "piecewise_linear"}
+PARAMETERS = {
+    "reynolds": (100.0, "1"),
+    "t_end": (150.0, "1"),
+    "cfl": (0.2, "1"),
+    "width": (40.0, "1"),
+    "kernel": ("piecewise_linear", tuple(KERNELS)),
+}
 PUBLISHED = {"drag": (1.33, 1.35), "lift": (0.34, 0.35), "strouhal": (0.165, 0.165)}
 """Ranges of mean drag coefficient, amplitude of the lift coefficient and Strouhal number at Re 100."""
 SOURCE = "PetIBM; Liu et al. 1998"
@@ -84,7 +91,7 @@ def run(
         Collective.
     """
     keep_freed_memory()
-    parameters = _parameters(overrides)
+    parameters = read_parameters(PARAMETERS, overrides)
     started = time.perf_counter()
     model, dt = build(cells, parameters, comm)
     t, drag, lift = march(model, dt, parameters["t_end"], progress)
@@ -191,25 +198,3 @@ def numbers(t: Array, drag: Array, lift: Array) -> dict[str, float]:
 
 def _middle(key: str) -> float:
     return 0.5 * sum(PUBLISHED[key])
-
-
-def _parameters(overrides: Sequence[str]) -> dict[str, object]:
-    from valvefsi.coupling.kernels import KERNELS
-
-    parameters = dict(PARAMETERS)
-    for entry in overrides:
-        key, _, value = entry.partition("=")
-        if key not in parameters:
-            raise CaseError(f"expected one of {', '.join(parameters)}", key=key, value=value)
-        if key == "kernel":
-            if value not in KERNELS:
-                raise CaseError(f"expected one of {', '.join(KERNELS)}", key=key, value=value)
-            parameters[key] = value
-            continue
-        try:
-            parameters[key] = float(value)
-        except ValueError:
-            raise CaseError("expected a number", key=key, value=value) from None
-        if not parameters[key] > 0.0:
-            raise CaseError("expected a number above 0", key=key, value=value)
-    return parameters

@@ -10,8 +10,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from valvefsi.benchmarks.immersed import Numerics, Problem, each_run
+from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
-from valvefsi.benchmarks.static_study import read_parameters
 from valvefsi.errors import CaseError
 from valvefsi.simulation import Progress
 

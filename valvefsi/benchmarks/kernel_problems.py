@@ -20,6 +20,7 @@ from mpi4py import MPI
 
 from valvefsi.benchmarks import compression, cook, shell, statics_compression
 from valvefsi.benchmarks.immersed import Numerics, Problem, immersed_model, late_mean, late_size, run_kept
+from valvefsi.benchmarks.parameters import defaults
 from valvefsi.benchmarks.shell import shell_at_rest
 from valvefsi.errors import StabilityError
 from valvefsi.fluid.boundary import Boundary
@@ -151,7 +152,7 @@ def _block_quantities(history: Mapping[str, np.ndarray], values: Mapping[str, fl
 
 
 def _block_reference(values: Mapping[str, float], comm: MPI.Comm) -> float:
-    static = {key: default for key, (default, _) in statics_compression.PARAMETERS.items()}
+    static = defaults(statics_compression.PARAMETERS)
     static |= {key: values[key] for key in ("traction", "c1")}
     answer = statics_compression.solve(static, "quadrilateral", STATIC, comm)
     return answer.values["u_y_top_centre_cm"]

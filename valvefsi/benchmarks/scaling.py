@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from mpi4py import MPI
 
 from valvefsi.benchmarks import cost_model
+from valvefsi.benchmarks.parameters import defaults
 from valvefsi.benchmarks.speed import PARAMETERS, machine_here
 from valvefsi.planning import Entry
 
@@ -35,7 +36,7 @@ def on_more_ranks(
     value = {entry.quantity: entry.value for entry in plan}
     step, share = value["time of a step"] * 1e-3, value["fluid's part of a step"] / 100.0
     n, steps = round(value["cells"] ** (1.0 / 3.0)), value["steps"]
-    parameters = PARAMETERS | {"advection": advection, "viscous": viscous}
+    parameters = defaults(PARAMETERS) | {"advection": advection, "viscous": viscous}
     machine, network = machine_here(parameters, comm), cost_model.Network()
     solves = 4 if viscous == "implicit" else 1
 

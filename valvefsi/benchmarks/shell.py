@@ -21,8 +21,8 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks.immersed import Numerics, couple
 from valvefsi.benchmarks.immersed_study import order_of
+from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
-from valvefsi.benchmarks.static_study import read_parameters
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes

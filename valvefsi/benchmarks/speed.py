@@ -19,8 +19,8 @@ from mpi4py import MPI
 
 from valvefsi import threads
 from valvefsi.benchmarks import cost_model, elastic_speed
+from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
-from valvefsi.errors import CaseError
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.fluid.direct_solver import TensorSolver
@@ -29,8 +29,13 @@ from valvefsi.grid import Faces, MacGrid
 from valvefsi.memory import keep_freed_memory
 from valvefsi.simulation import Timed
 
-PARAMETERS = {"rho": 1.0, "mu": 0.01, "cfl": 0.3, "advection": "centred", "viscous": "implicit"}
-CHOICES = {"advection": tuple(SCHEMES), "viscous": ("implicit", "explicit")}
+PARAMETERS = {
+    "rho": (1.0, "g/cm^3"),
+    "mu": (0.01, "dyn*s/cm^2"),
+    "cfl": (0.3, "1"),
+    "advection": ("centred", tuple(SCHEMES)),
+    "viscous": ("implicit", ("implicit", "explicit")),
+}
 PARTS = ("viscous solves", "pressure solve", "ghosts", "right-hand side", "projection")
 CALIBRATION = 96
 """Cells along each axis of the grid from which the cost model takes the constants of one core."""
@@ -63,7 +68,7 @@ def run(
     Note:
         Collective.
     """
-    parameters = _parameters(overrides)
+    parameters = read_parameters(PARAMETERS, overrides)
     keep_freed_memory()
     grids = [_measure((n,) * dim, steps, parameters, comm) for n in sizes]
     table = [_row(g, dim, comm.size, parameters["advection"] == "xsppm7") for g in grids]
@@ -135,20 +140,6 @@ def _row(grid: dict[str, object], dim: int, ranks: int, upwind: bool) -> dict[st
     return row(
         name, grid["pairs_per_step"], 8.0 if due else None, "budget of the finished fluid" if due else ""
     )
-
-
-def _parameters(overrides: Sequence[str]) -> dict[str, float | str]:
-    parameters = dict(PARAMETERS)
-    for entry in overrides:
-        key, _, value = entry.partition("=")
-        if key not in parameters:
-            raise CaseError(f"expected one of {', '.join(parameters)}", key=key, value=value)
-        try:
-            parameters[key] = CHOICES[key][CHOICES[key].index(value)] if key in CHOICES else float(value)
-        except ValueError:
-            expected = f"one of {', '.join(CHOICES[key])}" if key in CHOICES else "a number"
-            raise CaseError(f"expected {expected}", key=key, value=value) from None
-    return parameters
 
 
 def _measure(

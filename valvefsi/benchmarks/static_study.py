@@ -16,17 +16,14 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from valvefsi.benchmarks.parameters import Parameters, read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
-from valvefsi.case.overrides import nearest, split_override
-from valvefsi.case.quantities import Quantity
+from valvefsi.case.overrides import nearest
 from valvefsi.errors import CaseError
 from valvefsi.io.convergence_plots import Convergence, convergence
 from valvefsi.io.solid_body import Body, write_body
 from valvefsi.io.solid_plots import deformed
 from valvefsi.solid.statics import SolverOptions
-
-Parameters = Mapping[str, tuple[float, str]]
-"""Default and unit of each parameter by name."""
 
 SIMPLEX = {"triangle", "tetrahedron"}
 DIRECT = SolverOptions()
@@ -109,34 +106,6 @@ class Benchmark:
     references: Callable[[Mapping[str, float]], Mapping[str, Sequence[Reference]]]
     units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     iterative: bool = False
-
-
-def read_parameters(parameters: Parameters, overrides: Sequence[str]) -> dict[str, float]:
-    """Return the parameters in CGS, with overrides.
-
-    Raises:
-        CaseError: An override names no parameter, or its value has another dimension or is not positive.
-    """
-    values = {name: default for name, (default, _) in parameters.items()}
-    for text in overrides:
-        key, value = split_override(text)
-        if key not in parameters:
-            known = list(parameters)
-            raise CaseError(f"unknown parameter{nearest(key, known)}", file="--set", key=key, value=value)
-        values[key] = _parse(key, value, parameters[key][1])
-    return values
-
-
-def _parse(key: str, value: object, unit: str) -> float:
-    from pydantic_core import PydanticCustomError
-
-    try:
-        number = Quantity(unit).parse(value)
-    except PydanticCustomError as error:
-        raise CaseError(error.message(), file="--set", key=key, value=value) from None
-    if not number > 0:
-        raise CaseError("expected a positive value", file="--set", key=key, value=value)
-    return number
 
 
 def chosen_cells(benchmark: Benchmark, cell: str) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from valvefsi.benchmarks.parameters import defaults
 from valvefsi.benchmarks.static_body import answer_of
 from valvefsi.benchmarks.static_study import DIRECT, Answer, Benchmark, Reference, Setup, run_study
 from valvefsi.geometry.benchmark_shapes import COOK, cook_membrane
@@ -46,7 +47,7 @@ def solve(
 
 def references(values: Mapping[str, float]) -> dict[str, Sequence[Reference]]:
     """Return the published band where the parameters are the published ones."""
-    if any(values[name] != default for name, (default, _) in PARAMETERS.items()):
+    if values != defaults(PARAMETERS):
         return {}
     return {"u_y_corner_cm": [Reference(band=BAND, source="immersed, over kernels; second-hand")]}
 

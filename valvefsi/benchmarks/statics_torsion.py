@@ -13,6 +13,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from valvefsi.benchmarks.parameters import defaults
 from valvefsi.benchmarks.static_body import answer_of
 from valvefsi.benchmarks.static_study import DIRECT, Answer, Benchmark, Reference, Setup, run_study
 from valvefsi.geometry.shapes import box
@@ -61,7 +62,7 @@ def solve(
 
 def references(values: Mapping[str, float]) -> dict[str, Sequence[Reference]]:
     """Return what the answers are compared with where the parameters are the published ones."""
-    if any(values[name] != default for name, (default, _) in PARAMETERS.items()):
+    if values != defaults(PARAMETERS):
         return {}
     source = "mixed Q2-Q1 elements, 4 x 24 x 4, another script"
     return {name: [Reference(value=u, source=source)] for name, u in zip(NAMES, COMPUTED, strict=True)}

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from valvefsi import diagnostics
+from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
-from valvefsi.errors import CaseError, StabilityError
+from valvefsi.errors import StabilityError
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import SIDES, Boundary, FreeSlip
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
@@ -28,7 +29,12 @@ from valvefsi.memory import keep_freed_memory
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
 
-PARAMETERS = {"reynolds": 1600.0, "t_end": 12.0, "cfl": 0.2, "advection": "xsppm7"}
+PARAMETERS = {
+    "reynolds": (1600.0, "1"),
+    "t_end": (12.0, "1"),
+    "cfl": (0.2, "1"),
+    "advection": ("xsppm7", tuple(SCHEMES)),
+}
 TABLE = Path(__file__).parent / "reference" / "taylor_green_re1600.csv"
 SOURCE = "direct simulation 512^3 (Dairay et al. 2017)"
 DOI = "10.1016/j.jcp.2017.02.035"
@@ -59,12 +65,12 @@ def run(
     Note:
         Collective.
     """
-    parameters = _parameters(overrides)
+    parameters = read_parameters(PARAMETERS, overrides)
     started = time.perf_counter()
     t, energy, resolved, steps = march(cells, parameters, comm, progress)
     loss = -np.gradient(energy, t)
     peak = int(np.argmax(loss))
-    reference = published() if parameters["reynolds"] == PARAMETERS["reynolds"] else None
+    reference = published() if parameters["reynolds"] == PARAMETERS["reynolds"][0] else None
     known = compare((t, energy, loss), reference) if reference is not None else {}
     against = SOURCE if "peak" in known else ""
     table = [
@@ -193,23 +199,3 @@ def _vortex(grid: MacGrid) -> tuple[np.ndarray, ...]:
     u = np.sin(x) * np.cos(y) * np.cos(z)
     x, y, z = grid.points(1)
     return u, -np.cos(x) * np.sin(y) * np.cos(z), grid.zeros()
-
-
-def _parameters(overrides: Sequence[str]) -> dict[str, object]:
-    parameters = dict(PARAMETERS)
-    for entry in overrides:
-        key, _, value = entry.partition("=")
-        if key not in parameters:
-            raise CaseError(f"expected one of {', '.join(parameters)}", key=key, value=value)
-        if key == "advection":
-            if value not in SCHEMES:
-                raise CaseError(f"expected one of {', '.join(SCHEMES)}", key=key, value=value)
-            parameters[key] = value
-            continue
-        try:
-            parameters[key] = float(value)
-        except ValueError:
-            raise CaseError("expected a number", key=key, value=value) from None
-        if not parameters[key] > 0.0:
-            raise CaseError("expected a number above 0", key=key, value=value)
-    return parameters

@@ -31,8 +31,8 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import diagnostics, fsi
+from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
-from valvefsi.benchmarks.static_study import read_parameters
 from valvefsi.benchmarks.turek_model import CENTRE, CLAMP, RADIUS, THICKNESS, TIP, build
 from valvefsi.benchmarks.turek_signals import oscillation, whole_periods
 from valvefsi.coupling.kernels import KERNELS

@@ -27,9 +27,9 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import diagnostics, fsi
+from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.polygon_gap import gap
 from valvefsi.benchmarks.results import environment, row, write_result
-from valvefsi.benchmarks.static_study import read_parameters
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError
