@@ -83,7 +83,8 @@ def projected_area(
 
     Returns:
         Areas with an estimate of their error, about 1e-4 of the disc for leaflets at 512 lines. It falls with
-        the square of the number of lines, more slowly where long edges lie nearly along them.
+        the square of the number of lines; over all directions its mean square is that of edges nearly along the
+        lines, and the power is 1.5.
 
     Raises:
         ValueError: An argument has the wrong shape, or names a point that is not there.
