@@ -6,25 +6,15 @@ import warnings
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from valvefsi.case import load_case
+from tests.case_text import stream, written
 from valvefsi.case.build import build, run_case
 from valvefsi.errors import CaseError
 from valvefsi.io.history import read_history
 
-CASE = """
-title = "tube between two circuits"
-[grid]
-lower = [0, 0]
-upper = [4, 1]
-cells = [16, 4]
-[fluid]
-viscosity = 0.05
-[fluid.sides]
-y_lower = {type = "free_slip"}
-y_upper = {type = "free_slip"}
-x_lower = {type = "open", circuit = "chamber", backflow = 0}
+CASE = f"""title = "tube between two circuits"
+{stream(4, (16, 4))}"""
+CASE += """x_lower = {type = "open", circuit = "chamber", backflow = 0}
 x_upper = {type = "open", circuit = "outlet", backflow = 0}
 [time]
 dt = "2 ms"
@@ -58,14 +48,9 @@ def write(shared_tmp):
         for old, new in changes:
             assert old in text
             text = text.replace(old, new)
-        MPI.COMM_WORLD.barrier()
-        if MPI.COMM_WORLD.rank == 0:
-            (shared_tmp / "case.toml").write_text(text)
-            t = np.linspace(0.0, 0.2, 21)
-            rows = "".join(f"{a:g},{10 * np.sin(5 * np.pi * a) ** 2:g}\n" for a in t)
-            (shared_tmp / "pump.csv").write_text("t_s,p_pump_mmHg\n" + rows)
-        MPI.COMM_WORLD.barrier()
-        return load_case(shared_tmp / "case.toml", [])
+        t = np.linspace(0.0, 0.2, 21)
+        rows = "".join(f"{a:g},{10 * np.sin(5 * np.pi * a) ** 2:g}\n" for a in t)
+        return written(shared_tmp, text, pump="t_s,p_pump_mmHg\n" + rows)
 
     return write
 

@@ -9,6 +9,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
+from tests.gent import GENT
 from valvefsi.case import case_schema, load_case
 from valvefsi.case.reading import parse_case
 from valvefsi.case.writing import to_toml
@@ -118,25 +119,6 @@ def test_a_preset_says_aloud_that_nobody_has_checked_it(comm):
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         build(published, comm)
-
-
-GENT = """
-from dataclasses import dataclass
-import ufl
-from valvefsi.solid.parameters import parameter
-
-@dataclass(frozen=True, kw_only=True)
-class Gent:
-    mu: float = parameter("dyn/cm^2", above=0.0)
-    limit: float = parameter("1", above=0.0)
-
-    @property
-    def shear_modulus(self):
-        return self.mu
-
-    def energy(self, kinematics):
-        return -self.mu * self.limit / 2 * ufl.ln(1 - (kinematics.I1_bar - 3) / self.limit)
-"""
 
 
 def test_a_material_of_ones_own_beside_the_case_is_used_by_its_import_path(shared_tmp, comm):

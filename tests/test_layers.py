@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "valvefsi"
+TESTS = Path(__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 # From the bottom to the top; the parts of one layer never import one another.
@@ -129,6 +130,11 @@ def faults_of(source: str, where: str) -> list[str]:
 def test_a_module_keeps_to_its_layer_its_fences_and_its_size(path):
     faults = faults_of(path.read_text(encoding="utf-8"), path.relative_to(PACKAGE).as_posix())
     assert not faults, "\n" + "\n".join(faults)
+
+
+def test_the_tests_keep_to_the_size_too():
+    long = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in TESTS.rglob("*.py")}
+    assert {name: lines for name, lines in long.items() if lines > MODULE_LINES} == {}
 
 
 LONG = "def f():\n    '''Say.\n\n    More.\n    '''\n" + "    x = 1\n\n    # why\n"

@@ -8,25 +8,16 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from valvefsi.case import load_case
+from tests.case_text import stream, written
 from valvefsi.case.build import build, run_case
 from valvefsi.errors import CaseError
 from valvefsi.grid import MacGrid
 from valvefsi.recording import Output, chosen_cells
 
 PERIOD = 0.4
-CASE = """
-title = "a stream that swings"
-[grid]
-lower = [0, 0]
-upper = [2, 1]
-cells = [16, 8]
-[fluid]
-viscosity = 0.05
-[fluid.sides]
-y_lower = {type = "free_slip"}
-y_upper = {type = "free_slip"}
-x_lower = {velocity_expression = ["3 + 2*sin(5*pi*t)", "0"]}
+CASE = f"""title = "a stream that swings"
+{stream(2, (16, 8))}"""
+CASE += """x_lower = {velocity_expression = ["3 + 2*sin(5*pi*t)", "0"]}
 x_upper = {type = "open"}
 [time]
 dt = "5 ms"
@@ -53,10 +44,7 @@ def write(shared_tmp):
     """Return a function that writes the case and reads it, with changes."""
 
     def write(*overrides):
-        if MPI.COMM_WORLD.rank == 0:
-            (shared_tmp / "case.toml").write_text(CASE)
-        MPI.COMM_WORLD.barrier()
-        return load_case(shared_tmp / "case.toml", overrides)
+        return written(shared_tmp, CASE, overrides)
 
     return write
 
