@@ -9,6 +9,7 @@ import pytest
 
 from tests.case_text import stream, written
 from valvefsi.case.build import build, run_case
+from valvefsi.case.circulation import build_circulation
 from valvefsi.errors import CaseError
 from valvefsi.io.history import read_history
 
@@ -80,7 +81,24 @@ def test_circuits_drive_a_run_and_a_restart_goes_on_with_them(write, shared_tmp)
         np.testing.assert_allclose(again[column], rows[column], rtol=1e-11, atol=1e-11)
 
 
+def test_a_run_may_start_at_any_phase_of_the_pump(write):
+    drives = [
+        {c.side: c.drive for c in build_circulation(write(change)).connections}["x_lower"]
+        for change in (('"0.2 s"}', '"0.2 s", phase = "70 ms"}'), ('"0.2 s"}', '"0.2 s"}'))
+    ]
+    for t in (0.0, 0.05, 0.13, 0.1999, 0.4):
+        assert drives[0](t)["p_pump"] == pytest.approx(drives[1](t + 0.07)["p_pump"], rel=1e-12)
+    once = build_circulation(write(('period = "0.2 s"', 'phase = "70 ms"'))).connections
+    drive = {c.side: c.drive for c in once}["x_lower"]
+    assert drive(0.03)["p_pump"] == pytest.approx(drives[1](0.1)["p_pump"])
+    assert drive(0.3)["p_pump"] == pytest.approx(drives[1](0.2)["p_pump"], abs=1e-9), "held at its end"
+
+
 WRONG = [
+    (('"0.2 s"}', '"0.2 s", phase = "0.2 s"}'), r"pump\.phase = 0\.2: expected less than the period"),
+    (('"0.2 s"}', '"0.2 s", phase = "-1 ms"}'), r"pump\.phase"),
+    (('"pump.csv", period = "0.2 s"', '"pump.csv", phase = "0.3 s"'), r"pump\.phase = 0\.3: .*shorter"),
+    (('file = "pump.csv", period = "0.2 s"', 'phase = "0.1 s"'), r"pump\.phase = 0\.1: there is no record"),
     (('circuit = "outlet"', 'circuit = "outlt"'), r"x_upper\.circuit = 'outlt': .*did you mean 'outlet'"),
     (('circuit = "outlet"', 'circuit = "chamber"'), "another side has this circuit"),
     (('circuit = "outlet"', 'circuit = "outlet", pressure = 3'), "not both"),

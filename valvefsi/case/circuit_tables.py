@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,6 +44,20 @@ class Pump(Table):
         description="Time after which the record is repeated; held at its end without",
         examples=["0.857 s"],
     )
+    phase: Time = Field(
+        0.0,
+        ge=0,
+        description="Place in the record at which the run starts: at time t the record is read at t + phase",
+        examples=["300 ms"],
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.period is not None and self.phase >= self.period:
+            raise problem(f"expected less than the period, {self.period:g} s", "phase", self.phase)
+        if self.phase and self.file is None:
+            raise problem("there is no record (file) to start within", "phase", self.phase)
+        return self
 
 
 class CircuitTable(Table):

@@ -70,17 +70,19 @@ def _drive(case: Case, circuit: CircuitTable, inputs: tuple[str, ...]) -> Callab
     path = path if path.is_absolute() or case.file is None else case.file.parent / path
     table = read_table(path)
     columns = {name: _column(table, name, path) for name in wanted}
-    period = circuit.pump.period
-    if period is not None and period > (table.t[-1] - table.t[0]) * (1 + 1e-6):
+    period, phase, length = circuit.pump.period, circuit.pump.phase, table.t[-1] - table.t[0]
+    key, value = ("period", period) if period is not None else ("phase", phase)
+    if value > length * (1 + 1e-6):
         raise CaseError(
-            f"the record of {path.name} is shorter, {table.t[-1] - table.t[0]:.6g} s",
+            f"the record of {path.name} is shorter, {length:.6g} s",
             file=case.file,
-            key=f"circuit.{circuit.name}.pump.period",
-            value=period,
+            key=f"circuit.{circuit.name}.pump.{key}",
+            value=value,
         )
 
     def drive(t: float) -> dict[str, float]:
-        at = t if period is None else table.t[0] + (t - table.t[0]) % period
+        at = t + phase
+        at = at if period is None else table.t[0] + (at - table.t[0]) % period
         return {name: float(np.interp(at, table.t, values)) for name, values in columns.items()}
 
     return drive
