@@ -11,11 +11,14 @@ from mpi4py import MPI
 
 from valvefsi.case import load_case
 from valvefsi.case.build import build, run_case
+from valvefsi.case.valve import build_rigid, valve_mesh
 from valvefsi.case.valve_report import report_valve
+from valvefsi.case.valve_tables import ValveShape
 from valvefsi.diagnostics.surfaces import surface_triangles
 from valvefsi.errors import CaseError
 from valvefsi.grading import core_edges
 from valvefsi.io.history import read_history
+from valvefsi.planning import largest_square_sum
 
 DEMO = Path(__file__).parents[1] / "demos" / "pericardial_valve.toml"
 COARSE = (
@@ -85,15 +88,18 @@ def test_a_run_that_was_stopped_goes_on_the_same(whole, shared_tmp_module):
 
 
 def test_numbers_of_a_beat_from_a_history(tmp_path):
-    """A half sine of flow through a fixed difference: volume and difference in closed form."""
+    """Half sines of forward and closing flow, a leakage, a fixed difference: numbers in closed form."""
     case = load_case(DEMO, ["time.t_end='857 ms'"])
     t = np.linspace(0.0, 0.857, 858)
     systole = (t > 0.05) & (t < 0.35)
-    q = np.where(systole, 350.0 * np.sin(np.pi * (t - 0.05) / 0.3), 0.0)
+    closing = (t > 0.35) & (t < 0.4)
+    q = np.where(systole, 350.0 * np.sin(np.pi * (t - 0.05) / 0.3), -2.0)
+    q -= np.where(closing, 60.0 * np.sin(np.pi * (t - 0.35) / 0.05), 0.0)
+    forward, closed, leaked = 350.0 * 0.3 * 2.0 / np.pi, 60.0 * 0.05 * 2.0 / np.pi + 2.0 * 0.05, 2.0 * 0.507
     rows = {
         "step": np.arange(len(t)),
         "t_s": t,
-        "leaflets_volume_change_percent": 0.5 * np.sin(t),
+        "leaflets_volume_change_percent": -0.8 * np.sin(np.pi * t / 0.857) ** 2 + 0.1,
         "pdva_cm2": np.where(systole, 3.5, 0.01),
         "p_z_lower_mmHg": np.where(systole, 108.0, 10.0),
         "p_z_upper_mmHg": np.full(len(t), 98.0),
@@ -103,12 +109,51 @@ def test_numbers_of_a_beat_from_a_history(tmp_path):
     np.savetxt(tmp_path / "history.csv", table, delimiter=",", header=",".join(rows), comments="")
     told = report_valve(case, tmp_path)["valve"]
     cycle, sane = told["cycles"][0], told["sane"]
-    assert cycle["net_volume_ml"] == pytest.approx(350.0 * 0.3 * 2.0 / np.pi, rel=1e-3)
+    assert cycle["net_volume_ml"] == pytest.approx(forward - closed - leaked, rel=1e-3)
+    assert cycle["forward_volume_ml"] == pytest.approx(forward, rel=1e-3)
+    assert cycle["peak_reynolds"] == pytest.approx(4 * 350.0 / (np.pi * 2.5 * 0.035), rel=1e-3)
     assert cycle["mean_aortic_pressure_mmHg"] == pytest.approx(98.0)
     assert sane["mean difference"]["value"] == pytest.approx(10.0, rel=0.02)
     assert sane["largest open area"]["value"] == pytest.approx(100.0 * 3.5 / (np.pi * 1.25**2))
     assert sane["largest open area"]["sane"]
-    assert sane["leakage volume"]["value"] == pytest.approx(0.0, abs=1e-6)
+    # Closing ends where 2 % of the peak flow are left, 7 ml/s: 0.4 % of the closing sine later counts as leakage.
+    assert sane["closing volume"]["value"] == pytest.approx(100 * closed / forward, rel=0.01)
+    assert sane["leakage volume"]["value"] == pytest.approx(100 * leaked / forward, rel=0.02)
+    assert sane["volume change of the leaflets"]["value"] == pytest.approx(-0.7, rel=1e-5)
+
+
+def test_the_table_of_a_valve_says_place_size_and_layers():
+    world = MPI.COMM_WORLD
+
+    def made(h=0.2, **change):
+        mesh = valve_mesh(ValveShape(**change), h, world).mesh
+        z = mesh.geometry.x[:, 2]
+        ends = (
+            world.allreduce(z.min(initial=np.inf), MPI.MIN),
+            world.allreduce(z.max(initial=-np.inf), MPI.MAX),
+        )
+        return mesh.topology.index_map(3).size_global, np.array(ends)
+
+    (cells, ends), (moved_cells, moved) = made(), made(base=0.3)
+    assert moved_cells == cells
+    assert moved == pytest.approx(ends + 0.3)
+    assert made(layers=2)[0] == 2 * cells
+    assert made(h=0.1, ratio=1.5)[0] == cells < made(ratio=0.5)[0]
+
+
+def test_the_housing_has_its_stent_and_is_held_as_firmly_as_asked(shared_tmp):
+    case = coarse(2, "housing.hold=0.1")
+    grid, section = build(case, shared_tmp).model.grid, case.housing.section()
+    (rigid,), _ = build_rigid(case, grid)
+    tube = section.housing(0.2, (-1.9, 5.9)).points
+    shape = case.solid[0].mesh.valve
+    stent = section.stent(0.2, shape.geometry(), shape.base).points
+    np.testing.assert_allclose(rigid.points, np.concatenate([tube, stent]), atol=1e-12)
+    held = 0.1 * case.fluid.density * 0.2 / largest_square_sum("piecewise_linear")
+    assert rigid.stiffness == pytest.approx(held / case.dt**2)
+    assert rigid.damping == pytest.approx(held / case.dt)
+    bare = case.model_copy(update={"housing": case.housing.model_copy(update={"stent": None})})
+    assert build_rigid(bare, grid)[0][0].num_nodes == len(tube)
 
 
 @pytest.mark.parametrize(

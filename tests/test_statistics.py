@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from tests.case_text import stream, written
 from valvefsi.case.build import build, run_case
 from valvefsi.errors import CaseError
 from valvefsi.grid import MacGrid
+from valvefsi.io.grid_files import read_grid, times_of
 from valvefsi.recording import Output, chosen_cells
+from valvefsi.statistics import Line, Statistics
 
 PERIOD = 0.4
 CASE = f"""title = "a stream that swings"
@@ -80,6 +83,41 @@ def test_averages_go_on_after_a_stop(write, shared_tmp):
         assert parts[name] == pytest.approx(column, rel=1e-10, abs=1e-10), name
 
 
+def test_a_profile_reads_off_each_field_in_its_own_column():
+    """At t the velocity is t (1 + x, 2 - y) and the pressure t (3 + 4 x + 5 y); samples at 1, 2 and 4."""
+    grid = MacGrid([0, 0], [1, 1], [8, 8], [False, False])
+
+    def state(t):
+        (x, _, _), (_, y, _), (xc, yc, _) = grid.points(0), grid.points(1), grid.points()
+        whole = [np.broadcast_to(t * c, grid.shape).copy() for c in (1 + x, 2 - y, 3 + 4 * xc + 5 * yc)]
+        return SimpleNamespace(t=t, u=tuple(whole[:2]), p=whole[2])
+
+    statistics = Statistics(grid, start=0.5)
+    for t in (0.0, 1.0, 2.0, 4.0):
+        statistics.add(state(t))
+    found = statistics.profile(state(4.0), Line(start=(0.2, 0.1), end=(0.8, 0.9), points=5))
+    x, y = np.linspace(0.2, 0.8, 5), np.linspace(0.1, 0.9, 5)
+    mean = (1 * 2 + 2 * 4) / 3
+    variance = (1 * (2 - mean) ** 2 + 2 * (4 - mean) ** 2) / 3
+    # Of the fluctuation the squares are averaged in the cells and are linear between their centres: h^2/8 at most.
+    expected = {
+        "s_cm": np.hypot(x - 0.2, y - 0.1),
+        "x_cm": x,
+        "y_cm": y,
+        "u_x_cm_per_s": 4 * (1 + x),
+        "u_y_cm_per_s": 4 * (2 - y),
+        "p_dyn_per_cm2": 4 * (3 + 4 * x + 5 * y),
+        "mean_u_x_cm_per_s": mean * (1 + x),
+        "mean_u_y_cm_per_s": mean * (2 - y),
+        "mean_p_dyn_per_cm2": mean * (3 + 4 * x + 5 * y),
+        "tke_cm2_per_s2": 0.5 * variance * ((1 + x) ** 2 + (2 - y) ** 2),
+    }
+    assert list(found) == list(expected)
+    for name, column in expected.items():
+        slack = 0.5 * variance * 2 / 8**2 if name.startswith("tke") else 1e-12
+        assert found[name] == pytest.approx(column, abs=slack), name
+
+
 @pytest.mark.parametrize("every", [1, 2, 3])
 def test_frames_hold_every_kth_cell_of_a_part(every):
     grid = MacGrid([0.0, 0.0, 0.0], [1.6, 1.2, 0.8], (16, 12, 8), [False] * 3, MPI.COMM_WORLD)
@@ -102,14 +140,17 @@ def test_frames_hold_every_kth_cell_of_a_part(every):
 
 
 def test_a_run_writes_the_cells_that_were_asked_for(write, shared_tmp):
-    case = write(
-        "output.fluid_every=2",
-        "output.fluid_lower=[0.5, 0]",
-        "output.fluid_upper=[2, 1]",
-        "time.t_end='20 ms'",
-    )
-    run_case(case, out=shared_tmp / "out")
+    part = ("output.fluid_every=2", "output.fluid_lower=[0.5, 0]", "output.fluid_upper=[2, 1]")
+    run_case(write("time.t_end='20 ms'"), out=shared_tmp / "whole")
+    run_case(write("time.t_end='20 ms'", *part), out=shared_tmp / "out")
     MPI.COMM_WORLD.barrier()
+    whole, chosen = (
+        read_grid(times_of(shared_tmp / name / "paraview" / "fluid.pvd")[-1][1]).fields
+        for name in ("whole", "out")
+    )
+    assert np.ptp(whole["pressure"]) > 0
+    for name in ("velocity", "pressure"):
+        np.testing.assert_array_equal(chosen[name], whole[name][5::2, 1::2])
     pieces = sorted((shared_tmp / "out" / "paraview" / "fluid").glob("*.pvtr"))
     assert len(pieces) == 3
     text = pieces[-1].read_text()

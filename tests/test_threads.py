@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -38,6 +41,23 @@ def test_a_failure_in_another_thread_is_raised(monkeypatch: pytest.MonkeyPatch) 
 
     with pytest.raises(ValueError, match="second part"):
         threads.divide(loop, 0, 10, least=1)
+
+
+@pytest.mark.parametrize(
+    ("given", "ranks", "expected"), [("3", 1, 3), ("0", 2, 4), ("many", 2, 4), ("", 8, 1), ("", 20, 1)]
+)
+def test_a_rank_has_the_threads_that_are_given_or_its_share_of_the_cores(
+    monkeypatch: pytest.MonkeyPatch, given: str, ranks: int, expected: int
+) -> None:
+    monkeypatch.setenv("VALVEFSI_THREADS", given)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
+    monkeypatch.setattr(threads, "MPI", SimpleNamespace(COMM_WORLD=SimpleNamespace(size=ranks)))
+    assert threads.count.__wrapped__() == expected
+
+
+def test_only_loops_over_many_entries_are_shared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "count", lambda: 4)
+    assert [threads.share(n) for n in (1, threads.LEAST, threads.LEAST + 1)] == [1, 1, 4]
 
 
 @pytest.mark.parametrize("advection", ["centred", "xsppm7"])

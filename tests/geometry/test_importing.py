@@ -38,6 +38,33 @@ def test_a_box_of_triangles_is_filled(tmp_path):
     assert mesh.tag("surface_1")[0] == 2
 
 
+def test_the_size_that_is_asked_for_is_that_of_the_cells(tmp_path):
+    meshio.Mesh(CORNERS, [("triangle", TRIANGLES)]).write(tmp_path / "box.stl", binary=True)
+    cells = {
+        size: import_mesh(tmp_path / "box.stl", tmp_path / "box.msh", scale=0.1, size=size)["cells"]
+        for size in (0.3, 0.1)
+    }
+    # Regular tetrahedra of edge a have the volume a^3/(6 sqrt 2).
+    assert 0.5 < cells[0.1] * 0.1**3 / (6 * math.sqrt(2)) < 2
+    assert cells[0.1] > 8 * cells[0.3]
+
+
+def test_patches_part_where_the_surface_turns_by_the_angle(tmp_path):
+    """A house whose roof turns by 28 degrees at the ridge, 62 at the eaves."""
+    front = np.array([(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1.25, 0), (0, 1, 0)], dtype=float)
+    points = np.concatenate([front, front + [0, 0, 1.0]])
+    fans = [(0, k + 1, k) for k in (1, 2, 3)] + [(5, k + 5, k + 6) for k in (1, 2, 3)]
+    sides = [(k, (k + 1) % 5, (k + 1) % 5 + 5, k + 5) for k in range(5)]
+    triangles = np.array(fans + [t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))])
+    meshio.Mesh(points, [("triangle", triangles)]).write(tmp_path / "house.stl", binary=True)
+    patches = {}
+    for angle in (40.0, 20.0):
+        found = import_mesh(tmp_path / "house.stl", tmp_path / "house.msh", size=0.5, angle=angle)
+        assert found["volume_cm3"] == pytest.approx(2.25, rel=5e-3)  # a ridge inside a patch is rounded
+        patches[angle] = len(found["tags"]) - 1
+    assert patches[20.0] == patches[40.0] + 1
+
+
 def test_a_sphere_is_one_patch(tmp_path):
     n = 24
     theta, phi = np.linspace(0, math.pi, n + 1)[1:-1], 2 * math.pi * np.arange(2 * n) / (2 * n)
@@ -77,13 +104,16 @@ def test_a_volume_mesh_keeps_its_cells(tmp_path):
         for j in range(2)
         for i in range(3)
     ]
-    meshio.Mesh(x, [("hexahedron", cells)]).write(tmp_path / "block.vtu")
+    stray = np.append(x, [[9.0, 9.0, 9.0]], axis=0)
+    meshio.Mesh(stray, [("hexahedron", cells)]).write(tmp_path / "block.vtu")
     numbers = import_mesh(tmp_path / "block.vtu", tmp_path / "block.msh")
     assert (numbers["cells"], numbers["nodes"], numbers["cell"]) == (6, 24, "hexahedron")
     assert numbers["volume_cm3"] == pytest.approx(6.0)
     mesh = read_mesh(tmp_path / "block.msh", MPI.COMM_SELF)
     facets = [len(mesh.facet_tags.find(mesh.tag(f"surface_{k}")[1])) for k in range(1, 7)]
     assert sorted(facets) == [2, 2, 3, 3, 6, 6]
+    whole = import_mesh(tmp_path / "block.vtu", tmp_path / "whole.msh", angle=100.0)
+    assert whole["tags"] == ["surface_1", "body"]
 
 
 def test_what_cannot_be_used_is_said(tmp_path):

@@ -17,7 +17,7 @@ from valvefsi.io.slice_plots import Plane, cut, field_of, outline, scale_of
 from valvefsi.io.solid_body import Body
 
 CELLS = (7, 6, 5)
-UNIFORM = [np.linspace(0.0, 0.7, 8), np.linspace(0.0, 0.6, 7), np.linspace(0.0, 0.5, 6)]
+UNIFORM = [np.linspace(0.1, 0.8, 8), np.linspace(0.0, 0.6, 7), np.linspace(-0.2, 0.3, 6)]
 GRADED = [np.array([0.0, 0.1, 0.25, 0.4, 0.5, 0.6, 0.65, 0.8]), UNIFORM[1] ** 1.2, UNIFORM[2] - 1.0]
 
 
@@ -33,7 +33,7 @@ def written(request, shared_tmp):
     """A series of two times in two pieces, written by one rank that stands for two."""
     edges = UNIFORM if request.param == "uniform" else GRADED
     if MPI.COMM_WORLD.rank == 0:
-        box = ((0.0, 0.0, 0.0), (0.1, 0.1, 0.1)) if request.param == "uniform" else edges
+        box = ((0.1, 0.0, -0.2), (0.1, 0.1, 0.1)) if request.param == "uniform" else edges
         (shared_tmp / "paraview").mkdir()
         velocity, pressure = fields(edges)
         place = (shared_tmp / "paraview", "fluid", MPI.COMM_SELF, CELLS, (0, 0, 0), CELLS, box)
@@ -54,6 +54,20 @@ def test_what_was_written_comes_back(written):
         assert mine == pytest.approx(expected, abs=1e-12)
     assert grid.fields["velocity"] == pytest.approx(2 * velocity, rel=1e-6)
     assert grid.fields["pressure"] == pytest.approx(pressure, rel=1e-6)
+
+
+def test_the_nearest_time_is_taken_and_the_last_unless_one_is_given(written):
+    series = written[0] / "paraview" / "fluid.pvd"
+    assert [nearest_time(series, t)[0] for t in (None, 0.1, 0.4, 9.0)] == [0.5, 0.0, 0.5, 0.5]
+
+
+def test_a_file_that_is_still_being_written_is_left_out(written):
+    series = written[0] / "paraview" / "fluid.pvd"
+    if MPI.COMM_WORLD.rank == 0:
+        piece = max((written[0] / "paraview" / "fluid").glob("*.vt[ir]"))
+        piece.write_bytes(piece.read_bytes()[:-20])
+    MPI.COMM_WORLD.barrier()
+    assert [t for t, _ in times_of(series)] == [0.0]
 
 
 def test_pieces_of_all_ranks_come_together(shared_tmp):
@@ -110,6 +124,19 @@ def test_a_plane_cuts_a_cube_in_a_square():
     assert len(segments) == 4
     assert np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) == pytest.approx(1.0)
     assert outline(body, Plane(axis=2, position=3.0), 3) == []
+
+
+def test_a_plane_cuts_the_outside_of_a_body_where_it_goes_through_its_edges():
+    tetrahedron = Body(points=np.vstack([np.zeros(3), np.eye(3)]), cells={10: np.arange(4)[None]})
+    ends = np.array(outline(tetrahedron, Plane(axis=2, position=0.25), 3)).reshape(-1, 2)
+    assert sorted(map(tuple, ends.round(12))) == sorted(2 * [(0.0, 0.0), (0.0, 0.75), (0.75, 0.0)])
+    n = np.arange(12).reshape(3, 2, 2)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    cells = np.array([[n[i + k, a, b] for i, a, b in corners] for k in (0, 1)])
+    x = np.array(np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0], [0.0, 1.0], indexing="ij")).reshape(3, -1).T
+    segments = np.array(outline(Body(points=x, cells={12: cells}), Plane(axis=2, position=0.5), 3))
+    # Nothing is drawn on the face between the two cells, x = 1.
+    assert np.linalg.norm(np.diff(segments, axis=1), axis=-1).sum() == pytest.approx(6.0)
 
 
 def test_a_scale_is_even_about_zero_and_begins_there_where_it_can():

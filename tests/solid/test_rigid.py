@@ -94,3 +94,11 @@ def test_a_point_too_near_to_a_side_is_refused():
     coupling.stay(np.array([[0.5, 0.5, 0.05]]))
     with pytest.raises(StabilityError, match=r"0\.04"):
         coupling.stay(np.array([[0.5, 0.5, 0.04]]))
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(0.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (math.nan, 1.0)])
+def test_springs_that_cannot_hold_are_refused(stiffness, damping):
+    with pytest.raises(ValueError, match="expected stiffness > 0 and damping >= 0"):
+        RigidSurface(
+            np.zeros((1, 3)), np.ones(1), np.arange(1), name="s", stiffness=stiffness, damping=damping
+        )
