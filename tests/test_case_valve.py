@@ -164,6 +164,7 @@ def test_the_housing_has_its_stent_and_is_held_as_firmly_as_asked(shared_tmp):
         ("housing.sinus_depth='1.5 cm'", r"does not fit into the core of the box"),
         ("grid.h=0.3mm", r"grid\.h.*not a whole number of cells"),
         ("solid.leaflets.tether.0.on=['attachd']", r"no such tag"),
+        ("solid.leaflets.mesh.valve.gap='12 mm'", r"mesh\.valve\.gap.*nose and gap leave no free edge"),
     ],
 )
 def test_what_does_not_fit_is_said(override, said, tmp_path):
@@ -198,3 +199,10 @@ def test_the_surface_of_a_block_of_hexahedra_is_its_outside():
     edges = x[triangles[:, 1:]] - x[triangles[:, :1]]
     area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum()
     assert area == pytest.approx(10.0)
+
+
+def test_lengths_of_the_leaflets_may_be_set_one_by_one():
+    shape = load_case(DEMO, ["solid.leaflets.mesh.valve.gap='1 mm'"]).solid[0].mesh.valve.geometry()
+    usual = load_case(DEMO).solid[0].mesh.valve.geometry()
+    assert (shape.gap, shape.thickness, shape.height) == (0.1, usual.thickness, usual.height)
+    assert usual.gap < 0.1

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from valvefsi.case.quantities import Length
-from valvefsi.case.table import Name, Table
+from valvefsi.case.table import Name, Table, problem
+from valvefsi.errors import CaseError
 from valvefsi.geometry.aortic_section import AorticSection
 from valvefsi.geometry.leaflets import TYPES, ValveGeometry
 
 VALVE_TAGS = ("leaflet_1", "leaflet_2", "leaflet_3", "inflow", "outflow", "attached", "free")
+
+LENGTHS = ("height", "commissure", "thickness", "belly_thickness", "gap", "nose", "drop")
+"""Lengths of the leaflets that a case may set in place of the type's own."""
+
+
+def _own(description: str, example: str) -> object:
+    return Field(None, gt=0, description=f"{description}; the type's own when left out", examples=[example])
 
 
 class ValveShape(Table):
@@ -22,10 +31,28 @@ class ValveShape(Table):
     base: Length = Field(0.0, description="z of the lowest point of the leaflets' attachment")
     ratio: float = Field(0.75, ge=0.05, le=4, description="Element size over the grid's spacing h")
     layers: int = Field(1, ge=1, description="Elements through the thickness")
+    height: Length | None = _own(
+        "Height of the commissures above the lowest point of the attachment", "1.75 cm"
+    )
+    commissure: Length | None = _own("Straight upper part of the attachment at each post", "8 mm")
+    thickness: Length | None = _own("Thickness of the leaflets at their edges", "0.4 mm")
+    belly_thickness: Length | None = _own("Thickness in the middle of the leaflets", "0.3 mm")
+    gap: Length | None = _own("Least distance between the surfaces of two unloaded leaflets", "0.4 mm")
+    nose: Length | None = _own("Rounding of the unloaded free edge at the axis", "0.5 mm")
+    drop: Length | None = _own("How far the middle of the free edge lies below the commissures", "3 mm")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        try:
+            self.geometry()
+        except CaseError as error:
+            raise problem(error.reason, error.key.split(",")[0], error.value) from None
+        return self
 
     def geometry(self) -> ValveGeometry:
         """Return the valve's shape."""
-        return TYPES[self.type](diameter=self.diameter)
+        given = {name: getattr(self, name) for name in LENGTHS if getattr(self, name) is not None}
+        return replace(TYPES[self.type](diameter=self.diameter), **given)
 
 
 class Housing(Table):
