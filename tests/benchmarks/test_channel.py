@@ -7,8 +7,10 @@ import json
 import numpy as np
 import pytest
 from mpi4py import MPI
+from typer.testing import CliRunner
 
 from valvefsi.benchmarks.channel import poiseuille, run, womersley
+from valvefsi.cli import app
 from valvefsi.errors import CaseError
 
 WORLD = MPI.COMM_WORLD
@@ -39,3 +41,12 @@ def test_both_flows_converge_with_order_two(shared_tmp):
         assert (shared_tmp / "profiles.png").stat().st_size > 10000
     with pytest.raises(CaseError, match="mu = 1: unknown parameter; there are 'womersley'"):
         run(cells=8, out=shared_tmp, overrides=["mu=1"])
+
+
+def test_the_command_hands_over_what_it_was_given(shared_tmp):
+    options = ["--grid", "4", "--refine", "1", "--set", "womersley=2", "--out", str(shared_tmp)]
+    done = CliRunner().invoke(app, ["bench", "channel", *options], catch_exceptions=False)
+    assert done.exit_code == 0
+    if WORLD.rank == 0:
+        parameters = json.loads((shared_tmp / "result.json").read_text())["parameters"]
+        assert (parameters["cells"], parameters["womersley"]) == ([4, 8], 2.0)

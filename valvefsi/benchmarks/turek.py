@@ -31,8 +31,9 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import diagnostics, fsi
+from valvefsi.benchmarks.grid_series import refined, run_series
 from valvefsi.benchmarks.parameters import read_parameters
-from valvefsi.benchmarks.results import environment, row, write_result
+from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.turek_model import CENTRE, CLAMP, RADIUS, THICKNESS, TIP, build
 from valvefsi.benchmarks.turek_signals import oscillation, whole_periods
 from valvefsi.coupling.kernels import KERNELS
@@ -307,22 +308,21 @@ def run(
         Collective.
     """
     keep_freed_memory()
-    values, runs = setup.values(), []
-    for cells in [round(setup.cells * REFINEMENT**k) for k in range(setup.refine + 1)]:
+    values = setup.values()
+
+    def one(cells: int) -> dict[str, object]:
         name = f"{setup.case}, {cells} cells across the flag"
-        runs.append(_one(setup, cells, values, (Path(out), comm), progress(name) if progress else None))
-        result = {
+        return _one(setup, cells, values, (Path(out), comm), progress(name) if progress else None)
+
+    def told(runs: Sequence[Mapping]) -> dict[str, object]:
+        return {
             "benchmark": "turek-fsi",
             "parameters": values | {"case": setup.case, "t_end": setup.t_end, "kernel": setup.kernel},
-            "quantities": {r["cells"]: r["quantities"] for r in runs},
             "reference": PUBLISHED[setup.case] | {"source": SOURCE},
-            "runs": runs,
             "table": _table(setup, values, runs),
-            "timing": {"wall_s": sum(r["wall_s"] for r in runs)},
-            "environment": environment(comm),
         }
-        write_result(out, result, comm)
-    return result
+
+    return run_series(refined(setup.cells, setup.refine, REFINEMENT), one, told, out=out, comm=comm)
 
 
 def _one(

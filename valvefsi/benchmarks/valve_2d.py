@@ -27,9 +27,10 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import diagnostics, fsi
+from valvefsi.benchmarks.grid_series import refined, run_series
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.polygon_gap import gap
-from valvefsi.benchmarks.results import environment, row, write_result
+from valvefsi.benchmarks.results import row
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError
@@ -350,24 +351,22 @@ def run(
     """
     keep_freed_memory()
     values = _checked(read_parameters(PARAMETERS, setup.overrides))
-    grids = [round(setup.cells * REFINEMENT**k) for k in range(setup.refine + 1)]
-    runs = []
-    for cells in grids:
-        name = f"N = {cells}"
-        runs.append(_one(setup, cells, values, (Path(out), comm), progress(name) if progress else None))
-        result = {
+    grids = refined(setup.cells, setup.refine, REFINEMENT)
+
+    def one(cells: int) -> dict[str, object]:
+        shown = progress(f"N = {cells}") if progress else None
+        return _one(setup, cells, values, (Path(out), comm), shown)
+
+    def told(runs: Sequence[Mapping]) -> dict[str, object]:
+        return {
             "benchmark": "valve-2d",
             "parameters": dict(values) | {"t_end": setup.t_end, "kernel": setup.kernel, "grids": grids},
-            "quantities": {r["cells"]: r["quantities"] for r in runs},
             "reference": {key: {"value": value, "range": band} for key, (value, band) in PUBLISHED.items()}
             | {"source": SOURCE},
-            "runs": runs,
             "table": _table(runs, setup.t_end, values),
-            "timing": {"wall_s": sum(r["wall_s"] for r in runs)},
-            "environment": environment(comm),
         }
-        write_result(out, result, comm)
-    return result
+
+    return run_series(grids, one, told, out=out, comm=comm)
 
 
 def _checked(values: dict[str, float]) -> dict[str, float]:

@@ -1,7 +1,8 @@
-"""``valvefsi bench taylor-green`` and ``cylinder``: flows without deformable solids."""
+"""``valvefsi bench taylor-green``, ``cylinder``, ``channel`` and ``cavity``: flows without deformable solids."""
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import Annotated
 
@@ -21,17 +22,7 @@ def taylor_green(
     out: Out = None,
 ) -> None:
     """Decay of the Taylor-Green vortex at Re 1600, in the eighth that its symmetry leaves."""
-    from mpi4py import MPI
-
-    from valvefsi.benchmarks import taylor_green as benchmark
-
-    comm = MPI.COMM_WORLD
-    folder = out if out is not None else Path("results/taylor-green")
-    with Progress(comm, "taylor-green") as progress:
-        result = benchmark.run(
-            cells=grid, out=folder, overrides=overrides or [], comm=comm, progress=progress
-        )
-    show_result(result, comm, folder)
+    _run("taylor-green", out, cells=grid, overrides=overrides or ())
 
 
 @streams.command("cylinder")
@@ -41,17 +32,7 @@ def cylinder(
     out: Out = None,
 ) -> None:
     """Drag, lift and shedding of a rigid cylinder at Re 100, held in a stream on a graded grid."""
-    from mpi4py import MPI
-
-    from valvefsi.benchmarks import cylinder as benchmark
-
-    comm = MPI.COMM_WORLD
-    folder = out if out is not None else Path("results/cylinder")
-    with Progress(comm, "cylinder") as progress:
-        result = benchmark.run(
-            cells=grid, out=folder, overrides=overrides or [], comm=comm, progress=progress
-        )
-    show_result(result, comm, folder)
+    _run("cylinder", out, cells=grid, overrides=overrides or ())
 
 
 @streams.command("channel")
@@ -62,17 +43,7 @@ def channel(
     out: Out = None,
 ) -> None:
     """Poiseuille and Womersley flow between open sides against their closed forms."""
-    from mpi4py import MPI
-
-    from valvefsi.benchmarks import channel as benchmark
-
-    comm = MPI.COMM_WORLD
-    folder = out if out is not None else Path("results/channel")
-    with Progress(comm, "channel") as progress:
-        result = benchmark.run(
-            cells=grid, refine=refine, out=folder, overrides=overrides or [], comm=comm, progress=progress
-        )
-    show_result(result, comm, folder)
+    _run("channel", out, cells=grid, refine=refine, overrides=overrides or ())
 
 
 @streams.command("cavity")
@@ -83,14 +54,15 @@ def cavity(
     out: Out = None,
 ) -> None:
     """Steady flow in a cavity with a sliding lid against a published table."""
+    _run("cavity", out, reynolds=reynolds, cells=grid, overrides=overrides or ())
+
+
+def _run(name: str, out: Path | None, **options: object) -> None:
+    """Run the benchmark of a command and show its table."""
     from mpi4py import MPI
 
-    from valvefsi.benchmarks import cavity as benchmark
-
-    comm = MPI.COMM_WORLD
-    folder = out if out is not None else Path("results/cavity")
-    with Progress(comm, "cavity") as progress:
-        result = benchmark.run(
-            reynolds=reynolds, cells=grid, out=folder, overrides=overrides or [], comm=comm, progress=progress
-        )
+    comm, folder = MPI.COMM_WORLD, out if out is not None else Path("results") / name
+    benchmark = importlib.import_module(f"valvefsi.benchmarks.{name.replace('-', '_')}")
+    with Progress(comm, name) as progress:
+        result = benchmark.run(out=folder, comm=comm, progress=progress, **options)
     show_result(result, comm, folder)
