@@ -15,7 +15,7 @@ from pydantic import ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from valvefsi.case.overrides import nearest
-from valvefsi.case.quantities import Quantity, Time
+from valvefsi.case.quantities import Quantity, Stress, Time
 from valvefsi.case.table import Name, Table, problem
 from valvefsi.circulation.linear import Circuit, CircuitState
 from valvefsi.circulation.pump import UpstreamBovine, UpstreamPorcine
@@ -50,6 +50,13 @@ class Pump(Table):
         description="Place in the record at which the run starts: at time t the record is read at t + phase",
         examples=["300 ms"],
     )
+    cycles_from: Time | None = Field(
+        None,
+        ge=0,
+        description="Start of the first cycle of a valve's numbers; when left out, the first time at which the "
+        "valve is closed",
+        examples=["1.2 s"],
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -71,6 +78,12 @@ class CircuitTable(Table):
     )
     provenance: dict[str, str | float] = Field({}, description="Where the parameters are from")
     pump: Pump = Field(Pump(), description="What drives an upstream circuit")
+    target_pressure: Stress | None = Field(
+        None,
+        gt=0,
+        description="Mean pressure of a cycle at its side that a valve's report compares with",
+        examples=["100 mmHg"],
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from valvefsi.case.circuit_tables import CircuitTable
 from valvefsi.case.circulation import connected
 from valvefsi.case.models import Case
 from valvefsi.diagnostics.valve_numbers import CycleNumbers, cycle_change, valve_numbers
-from valvefsi.diagnostics.valve_record import ValveRecord, ValveTest
+from valvefsi.diagnostics.valve_record import ValveRecord, ValveTest, fault, first_closed
 from valvefsi.io.history import read_history
 from valvefsi.units import MMHG
 
@@ -22,6 +24,8 @@ SANE = {
     "leakage volume": (0.0, 5.0, "% of stroke volume"),
     "largest open area": (50.0, 95.0, "% of the orifice"),
     "volume change of the leaflets": (-1.0, 1.0, "%"),
+    "change between cycles": (0.0, 10.0, "% of the waveform that changes most"),
+    "mean aortic pressure": (90.0, 110.0, "% of the target"),
 }
 """What is sane for a valve in a pulse duplicator: lower and upper end, unit."""
 
@@ -37,16 +41,19 @@ def report_valve(case: Case, out: Path) -> dict[str, object]:
     if len(history["t_s"]) < 3:
         return {}
     record, test = _record(case, history), _test(case)
-    cycles = valve_numbers(record, test)
+    begun = valve_numbers(record, test)
+    if not begun:
+        reason = f"the record ends before the first cycle starts, at {record.start:.6g} s"
+        return {"valve": {"cycles": [], "reasons": [reason]}}
+    cycles = [c for k, c in enumerate(begun) if not fault(record, k)] or begun[-1:]
     change, why = cycle_change(record)
-    numbers = [_told(cycle) for cycle in cycles]
     _draw(case, out, record, cycles[-1])
     return {
         "valve": {
-            "cycles": numbers,
+            "cycles": [_told(cycle) for cycle in cycles],
             "change_between_cycles": change,
             "reasons": sorted(set(why.values())),
-            "sane": _sane(case, history, cycles[-1].as_dict()),
+            "sane": _sane(case, history, cycles[-1].as_dict(), change),
         }
     }
 
@@ -60,17 +67,24 @@ def _told(cycle: CycleNumbers) -> dict[str, object]:
     return known | ({"missing": missing} if missing else {})
 
 
+def _circuits(case: Case) -> list[CircuitTable]:
+    """The circuits upstream and downstream of the valve."""
+    return [next(c for c in case.circuit if c.name == connected(case)[end]) for end in ENDS]
+
+
 def _record(case: Case, history: dict[str, np.ndarray]) -> ValveRecord:
-    drive = next(c for c in case.circuit if c.name == connected(case)[ENDS[0]])
-    period = drive.pump.period or case.time.t_end
-    return ValveRecord(
+    """Pressures, flow and area; cycles start where the case says, or in the first closed phase."""
+    pump = _circuits(case)[0].pump
+    record = ValveRecord(
         t=history["t_s"],
         p_lv=history[f"p_{ENDS[0]}_mmHg"] * MMHG,
         p_ao=history[f"p_{ENDS[1]}_mmHg"] * MMHG,
         q=history[f"q_{ENDS[1]}_ml_s"],
         pdva=history["pdva_cm2"],
-        period=period,
+        period=pump.period or case.time.t_end,
     )
+    start = first_closed(record) if pump.cycles_from is None else pump.cycles_from
+    return record if start is None else replace(record, start=max(start, record.start))
 
 
 def _test(case: Case) -> ValveTest:
@@ -78,11 +92,13 @@ def _test(case: Case) -> ValveTest:
     return ValveTest(rho=case.fluid.density, mu=case.fluid.viscosity, diameter=diameter)
 
 
-def _sane(case: Case, history: dict[str, np.ndarray], cycle: dict[str, object]) -> dict[str, object]:
+def _sane(
+    case: Case, history: dict[str, np.ndarray], cycle: dict[str, object], change: dict[str, float | None]
+) -> dict[str, object]:
     """Compare the last cycle with what is sane; None where there is no number."""
     forward, name = cycle["forward_volume"], case.housing.stent
     orifice = math.pi * (0.5 * _test(case).diameter) ** 2
-    change = history[f"{name}_volume_change_percent"]
+    swelling = history[f"{name}_volume_change_percent"]
 
     def part(value: float | None, whole: float | None) -> float | None:
         return None if value is None or not whole else 100.0 * value / whole
@@ -93,8 +109,13 @@ def _sane(case: Case, history: dict[str, np.ndarray], cycle: dict[str, object]) 
         "closing volume": part(cycle["closing_volume"], forward),
         "leakage volume": part(cycle["leakage_volume"], forward),
         "largest open area": part(float(history["pdva_cm2"].max()), orifice),
-        "volume change of the leaflets": float(change[np.argmax(np.abs(change))]),
+        "volume change of the leaflets": float(swelling[np.argmax(np.abs(swelling))]),
     }
+    if None not in change.values():
+        values["change between cycles"] = 100.0 * max(change.values())
+    target = _circuits(case)[1].target_pressure
+    if target is not None:
+        values["mean aortic pressure"] = part(cycle["mean_aortic_pressure"], target)
     return {
         key: {
             "value": value,

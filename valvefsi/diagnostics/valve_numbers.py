@@ -11,9 +11,9 @@ Terms are those of ISO 5840-1:2021 and ISO 5840-2:2021. Where the standard leave
   the cycle), is back at the leakage but for ``backflow_floor`` of the peak flow. The leakage is the median of
   q outside forward flow, or zero if that is positive.
 - Leakage is what flows back in the rest of the cycle, so forward = net + closing + leakage to round-off.
-- Opening and closing from the valve's area (PDVA) where it is given: from one level of its range to another,
-  10 % and 90 % unless told. Without it, the flow stands in: start of forward flow, first and last time at
-  the upper level of the peak flow, end of closing.
+- Opening and closing from the valve's area (PDVA) where it is given: from one level of its rise to another,
+  10 % and 90 % unless told, and back over those of its fall, which may end at another area. Without it, the
+  flow stands in: start of forward flow, first and last time at the upper level of the peak flow, end of closing.
 """
 
 from __future__ import annotations
@@ -344,22 +344,25 @@ def _times(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> 
 
 
 def _times_from_area(t: Array, area: Array, test: ValveTest) -> tuple[tuple[float | None, ...], str]:
-    """Where the area passes the two levels of its range."""
+    """Where the area passes the two levels of its rise, and those of its fall, which may end at another area."""
     nothing = (None,) * len(TIMES)
     span = np.ptp(area)
     if not span > 0:
         return nothing, "the valve area does not change"
-    low, high = (float(area.min() + part * span) for part in test.levels)
-    high_at = np.flatnonzero(area >= high)
-    first, last = high_at[0], high_at[-1]
-    before, after = np.flatnonzero(area[:first] <= low), np.flatnonzero(area[last:] <= low)
-    if not len(before) or not len(after):
+    top = int(np.argmax(area))
+    least = area[: top + 1].min(), area[top:].min()
+    if area[top] - max(least) < 0.5 * span:
         return nothing, "the valve is open at the cycle's edge; start the cycle in the closed phase"
+    (low, high), (end_low, end_high) = (
+        [float(x + part * (area[top] - x)) for part in test.levels] for x in least
+    )
+    first, last = np.flatnonzero(area >= high)[0], np.flatnonzero(area >= end_high)[-1]
+    before, after = np.flatnonzero(area[:first] <= low)[-1], np.flatnonzero(area[last:] <= end_low)[0]
     return (
-        crossing(t, area, before[-1], low),
+        crossing(t, area, before, low),
         crossing(t, area, first - 1, high),
-        crossing(t, area, last, high),
-        crossing(t, area, last + after[0] - 1, low),
+        crossing(t, area, last, end_high),
+        crossing(t, area, last + after - 1, end_low),
     ), ""
 
 

@@ -10,6 +10,9 @@ from valvefsi.grid import Array
 
 LARGEST_GAP = 0.05
 """Longest time between two samples, as a part of the cycle."""
+CLOSED_AREA, CLOSED_FLOW, CLOSED_TIME = 0.25, 0.05, 0.02
+"""A closed valve: parts of the range of its area and of its largest flow that it does not exceed, and of the cycle
+for which it does not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +92,28 @@ class ValveTest:
                 raise ValueError(f"{name}: expected a positive number, found {getattr(self, name)}")
         if not 0 < self.levels[0] < self.levels[1] < 1:
             raise ValueError(f"levels: expected 0 < lower < upper < 1, found {self.levels}")
+
+
+def first_closed(record: ValveRecord) -> float | None:
+    """When the valve has been closed for a while first, or the start of a record that begins with that.
+
+    Closed is a valve of little area, where that is given, that lets little through in either direction. None where
+    it never is, or no whole cycle follows.
+    """
+    size = np.nanmax(np.abs(record.q), initial=0.0)
+    if not size > 0.0:
+        return None
+    closed = np.abs(record.q) <= CLOSED_FLOW * size
+    if record.pdva is not None:
+        low, high = np.nanmin(record.pdva), np.nanmax(record.pdva)
+        closed &= record.pdva <= low + CLOSED_AREA * (high - low)
+    ends, least = np.append(record.t[~closed], np.inf), CLOSED_TIME * record.period
+    since = record.t[closed & (record.t >= record.start)]
+    lasting = since[ends[np.searchsorted(ends, since)] - since >= least]
+    if not len(lasting):
+        return None
+    start = record.start if lasting[0] <= record.start + record.slack else float(lasting[0]) + least
+    return start if record.t[-1] - start >= record.period - record.slack else None
 
 
 def fault(record: ValveRecord, k: int) -> str:
