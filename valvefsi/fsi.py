@@ -1,5 +1,7 @@
 """The coupled step: hyperelastic solids immersed in an incompressible fluid (Lee2020, S11 to S14).
 
+A solid has the fluid's density, or more of its own: see `valvefsi.solid.inertia`.
+
 `step` is the scheme and nothing else: no files, no options, no clock. A `State` is exactly what a checkpoint holds.
 """
 
@@ -13,6 +15,7 @@ import numpy as np
 
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.solid.inertia import ExcessMass, Twin
 
 
 class Solid(Protocol):
@@ -93,6 +96,7 @@ class Model:
         circulation: The circuits at open sides; those without one keep their own pressure.
         rigid: The rigid surfaces.
         transfers: Transfer of each of them, at its points.
+        heavy: The excess mass of the solids that are denser than the fluid.
     """
 
     grid: MacGrid
@@ -102,6 +106,7 @@ class Model:
     circulation: Circulation | None = None
     rigid: tuple[Held, ...] = ()
     transfers: tuple[Transfer, ...] = ()
+    heavy: tuple[ExcessMass, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,6 +123,7 @@ class State:
         chi: Position of each solid's nodes at t, ``(num_nodes, 3)`` each [cm].
         circuits: State of the circulation at t, the same on all ranks, ``(num_states,)``.
         carried: How far the fluid has carried the points of each rigid surface, ``(num_points, 3)`` each [cm].
+        twins: Positions and velocities of the excess mass of each heavy solid at t.
     """
 
     t: float
@@ -129,6 +135,7 @@ class State:
     chi: tuple[Array, ...]
     circuits: Array = field(default_factory=lambda: np.zeros(0))
     carried: tuple[Array, ...] = ()
+    twins: tuple[Twin, ...] = ()
 
 
 def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | None = None) -> State:
@@ -141,6 +148,10 @@ def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | No
         p: Pressure, local array with filled ghosts [dyn/cm^2].
     """
     u = model.fluid.fill(model.grid.zero_faces() if u is None else u, 0.0)
+    twins = []
+    for body in model.heavy:
+        X = model.solids[body.solid].X
+        twins.append(body.start(X, model.couplings[body.solid].at(X).interpolate(u)))
     return State(
         t=0.0,
         step=0,
@@ -151,6 +162,7 @@ def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | No
         chi=tuple(solid.X.copy() for solid in model.solids),
         circuits=np.zeros(0) if model.circulation is None else model.circulation.start.copy(),
         carried=tuple(np.zeros_like(surface.X) for surface in model.rigid),
+        twins=tuple(twins),
     )
 
 
@@ -175,10 +187,16 @@ def step(model: Model, s: State, dt: float) -> State:
     U = [c.at(chi).interpolate(s.u) for c, chi in zip(model.couplings, s.chi, strict=True)]
     chi_half = [chi + 0.5 * dt * V for chi, V in zip(s.chi, U, strict=True)]
     T = [c.at(chi) for c, chi in zip(model.couplings, chi_half, strict=True)]
-    # 2. their elastic force there, spread to the faces
+    # 2. their elastic force there and the pull of their excess mass, spread to the faces
+    F = [solid.force(*at, s.t + 0.5 * dt) for solid, *at in zip(model.solids, chi_half, U, strict=True)]
+    twins = []
+    for body, twin in zip(model.heavy, s.twins, strict=True):
+        pull = body.pull(twin, chi_half[body.solid], U[body.solid], dt)
+        F[body.solid] += pull
+        twins.append(body.moved(twin, pull, dt))
     f = model.grid.zero_faces()
-    for transfer, solid, chi, V in zip(T, model.solids, chi_half, U, strict=True):
-        transfer.spread(solid.force(chi, V, s.t + 0.5 * dt), out=f)
+    for transfer, force in zip(T, F, strict=True):
+        transfer.spread(force, out=f)
     for surface, transfer, d in zip(model.rigid, model.transfers, s.carried, strict=True):
         V = transfer.interpolate(s.u)
         transfer.spread(surface.force(d + 0.5 * dt * V, V), out=f)
@@ -197,6 +215,5 @@ def step(model: Model, s: State, dt: float) -> State:
     if model.circulation:
         flows = {name: model.fluid.boundary.outflow(u_half, name) for name in model.circulation.sides}
         circuits = model.circulation.step(s.circuits, flows, s.t, dt)
-    return State(
-        t=s.t + dt, step=s.step + 1, dt=dt, u=u, p=p, N=N, chi=chi, circuits=circuits, carried=carried
-    )
+    moved = {"chi": chi, "circuits": circuits, "carried": carried, "twins": tuple(twins)}
+    return State(t=s.t + dt, step=s.step + 1, dt=dt, u=u, p=p, N=N, **moved)

@@ -8,8 +8,9 @@ that the kernel moves. For a stiffness k per area of a face,
 for a body tether omega^2 = k / rho, for the elastic waves omega = 2 sqrt(dim) c_p / l with
 c_p^2 = (kappa + 4/3 mu_s + fibres) / rho and l the smallest edge, where a body of thickness t below h / c moves the
 mass rho h / c of fluid instead of rho t; a damper eta decays stably while
-dt < 2 rho / eta (body) or dt < 2 rho h / (eta c) (area). Crank-Nicolson viscosity has no limit, explicit viscosity
-that of `ExplicitViscosity`.
+dt < 2 rho / eta (body) or dt < 2 rho h / (eta c) (area). The tie of the excess mass of a solid heavier than the fluid
+takes a part of these limits, see `valvefsi.solid.inertia`, and has none of its own. Crank-Nicolson viscosity has no
+limit, explicit viscosity that of `ExplicitViscosity`.
 """
 
 from __future__ import annotations
@@ -137,12 +138,15 @@ def step_limits(model: Model) -> dict[str, float]:
     grid, rho = model.grid, model.fluid.rho
     h = float(min(grid.spacing[: grid.dim]))
     limits: dict[str, float] = {}
-    for solid, coupling in zip(model.solids, model.couplings, strict=True):
+    rooms = {body.solid: body.room for body in model.heavy}
+    for number, (solid, coupling) in enumerate(zip(model.solids, model.couplings, strict=True)):
+        room = rooms.get(number, 1.0)
         stiff, c = solid.stiffness(), largest_square_sum(coupling.name)
         fibres = getattr(solid.material, "fibre_modulus", 0.0)
         modulus = (stiff.kappa or 0.0) + 4.0 / 3.0 * stiff.shear_modulus + fibres
         mass = rho * max(1.0, h / (c * solid.thickness()))
-        limits[f"elastic, {solid.name}"] = stiff.smallest_edge * math.sqrt(mass / modulus / grid.dim)
+        edge = stiff.smallest_edge
+        limits[f"elastic, {solid.name}"] = edge * math.sqrt(room * mass / modulus / grid.dim)
         springs: dict[str, float] = {}
         for tether in solid.tethers:
             mass = rho if tether.on is None else rho * h / c
@@ -150,12 +154,12 @@ def step_limits(model: Model) -> dict[str, float]:
                 if axis in tether.components:
                     springs[axis] = springs.get(axis, 0.0) + tether.stiffness / mass
         if springs:
-            limits[f"tether, {solid.name}"] = 2.0 / math.sqrt(max(springs.values()))
+            limits[f"tether, {solid.name}"] = 2.0 * math.sqrt(room / max(springs.values()))
         damping = solid.damping / rho + sum(
             t.damping / (rho if t.on is None else rho * h / c) for t in solid.tethers
         )
         if damping > 0.0:
-            limits[f"damping, {solid.name}"] = 2.0 / damping
+            limits[f"damping, {solid.name}"] = 2.0 * room / damping
     return limits
 
 
@@ -186,7 +190,20 @@ def _limits(simulation: Simulation) -> list[Entry]:
         ratio = schedule.dt / limit
         note = f"dt / limit = {ratio:.2f}" + (", likely unstable" if ratio > 1.0 else "")
         entries.append(Entry(quantity=f"step limit, {cause}", value=limit, unit="s", note=note))
-    return entries
+    return entries + _ties(model, schedule.dt)
+
+
+def _ties(model: Model, dt: float) -> list[Entry]:
+    """How stiffly the excess mass of each heavy solid is tied to it, and how far it lags. Collective."""
+    return [
+        Entry(
+            quantity=f"tie of the excess mass of {model.solids[body.solid].name}",
+            value=body.stiffness(dt),
+            unit="dyn/cm",
+            note=f"density {body.density:g} g/cm^3; lag = {body.lag_of_acceleration(dt):.3g} s^2 times acceleration",
+        )
+        for body in model.heavy
+    ]
 
 
 def _gives(model: Model) -> list[Entry]:

@@ -19,6 +19,7 @@ from valvefsi.io import checkpoint
 from valvefsi.io.history import History
 from valvefsi.io.paraview import BodySeries, FluidSeries, SolidSeries
 from valvefsi.io.solid_body import Body, write_body
+from valvefsi.solid.inertia import Twin
 from valvefsi.statistics import Line, Statistics
 from valvefsi.units import MMHG
 
@@ -115,6 +116,8 @@ def save_state(
         f"carried_{k}_{surface.name}": checkpoint.Rows(d, surface.ids, surface.num_nodes)
         for k, (surface, d) in enumerate(zip(model.rigid, state.carried, strict=True))
     }
+    for name, solid, twin in zip(_twin_tables(model), _heavy(model), state.twins, strict=True):
+        rows[name] = checkpoint.Rows(np.hstack(twin), solid.ids, solid.num_nodes)
     meta = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
     meta["circuits"] = [float(value) for value in state.circuits]
     meta["statistics"] = statistics.meta()
@@ -135,7 +138,8 @@ def load_state(model: Model, output: Output, statistics: Statistics) -> State | 
     names = [f"chi_{k}_{solid.name}" for k, solid in enumerate(model.solids)]
     rows = {name: solid.ids for name, solid in zip(names, model.solids, strict=True)}
     held = {f"carried_{k}_{surface.name}": surface.ids for k, surface in enumerate(model.rigid)}
-    rows |= held
+    twins = {name: s.ids for name, s in zip(_twin_tables(model), _heavy(model), strict=True)}
+    rows |= held | twins
     found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm)
     if found is None:
         return None
@@ -156,7 +160,17 @@ def load_state(model: Model, output: Output, statistics: Statistics) -> State | 
         chi=tuple(points[name] for name in names),
         circuits=np.array(meta["circuits"]),
         carried=tuple(points[name] for name in held),
+        twins=tuple(Twin(*np.hsplit(points[name], 2)) for name in twins),
     )
+
+
+def _heavy(model: Model) -> list[object]:
+    return [model.solids[body.solid] for body in model.heavy]
+
+
+def _twin_tables(model: Model) -> list[str]:
+    """Names of the tables of twins in a checkpoint: position and velocity in a row."""
+    return [f"twin_{body.solid}_{model.solids[body.solid].name}" for body in model.heavy]
 
 
 def refuse_to_overwrite(model: Model, output: Output) -> None:
@@ -241,6 +255,8 @@ class Recorder:
                 f"{solid.name}_J_min",
                 f"{solid.name}_J_max",
             ]
+        for solid in _heavy(model):
+            columns += [f"{solid.name}_excess_kinetic_energy_erg", f"{solid.name}_twin_lag_cm"]
         for probe, _, _ in self.probes:
             columns += [f"u_{axis}_{probe.name}_cm" for axis in "xyz"[: grid.dim]]
         if output.orifice is not None:
@@ -294,6 +310,11 @@ class Recorder:
                 f"{solid.name}_{self.measure}_change_percent": 100.0 * change,
                 f"{solid.name}_J_min": -extremes[0],
                 f"{solid.name}_J_max": extremes[1],
+            }
+        for body, solid, twin in zip(self.model.heavy, _heavy(self.model), state.twins, strict=True):
+            row |= {
+                f"{solid.name}_excess_kinetic_energy_erg": body.kinetic_energy(twin),
+                f"{solid.name}_twin_lag_cm": body.lag(twin, state.chi[body.solid]),
             }
         for (probe, solid, node), start in zip(self.probes, self.start, strict=True):
             chi = state.chi[probe.solid]

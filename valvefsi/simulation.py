@@ -351,4 +351,5 @@ def timed(model: Model, table: dict[str, float]) -> Model:
             Timed(t, table, {"spread": "rigid surfaces", "interpolate": "rigid surfaces"})
             for t in model.transfers
         ),
+        heavy=model.heavy,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ from valvefsi.recording import Output, Probe
 from valvefsi.schedule import AdaptiveSchedule, Schedule
 from valvefsi.simulation import Progress, Simulation
 from valvefsi.solid.element_points import ElementPoints
+from valvefsi.solid.inertia import ExcessMass
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.structure import Discretisation, Structure
 from valvefsi.statistics import Line
@@ -64,6 +66,7 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
         circulation=build_circulation(case),
         rigid=rigid,
         transfers=transfers,
+        heavy=_heavy(case, solids, couplings),
     )
     return Simulation(model, _schedule(case), _output(case, out, grid))
 
@@ -72,6 +75,17 @@ def _coupling(grid: MacGrid, given: Solid, solid: Structure) -> Coupling | Eleme
     if given.coupling == "nodal":
         return Coupling(grid, given.kernel)
     return ElementalCoupling(grid, given.kernel, ElementPoints(solid, given.mass), given.point_gap)
+
+
+def _heavy(
+    case: Case, solids: Sequence[Structure], couplings: Sequence[Coupling | ElementalCoupling]
+) -> tuple[ExcessMass, ...]:
+    rho = case.fluid.density
+    return tuple(
+        ExcessMass(number, *pair, rho=rho, density=given.density)
+        for number, (given, *pair) in enumerate(zip(case.solid, solids, couplings, strict=True))
+        if given.density is not None and given.density > rho
+    )
 
 
 def _schedule(case: Case) -> Schedule | AdaptiveSchedule:

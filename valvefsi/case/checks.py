@@ -122,6 +122,13 @@ def _check_entries(side: Side, dim: int, key: str) -> None:
 
 def _check_solid(case: Case, solid: Solid, key: str) -> None:
     dim = case.grid.dim
+    if solid.density is not None and solid.density < case.fluid.density:
+        raise CaseError(
+            f"expected the fluid's density, {case.fluid.density:g} g/cm^3, or more; a solid lighter than the fluid "
+            "is not supported",
+            key=f"{key}.density",
+            value=solid.density,
+        )
     for number, load in enumerate(solid.load):
         _check_length(load.traction, dim, f"{key}.load.{number}.traction")
     for number, tether in enumerate(solid.tether):

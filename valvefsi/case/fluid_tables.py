@@ -290,7 +290,7 @@ class Sides(Table):
 
 
 class Fluid(Table):
-    """The fluid; an immersed solid has its density and viscosity too."""
+    """The fluid; an immersed solid has its viscosity too, and its density unless it is given a larger one."""
 
     density: Density = Field(1.0, gt=0, description="Density rho")
     viscosity: Viscosity = Field(0.01, gt=0, description="Dynamic viscosity mu")

@@ -15,6 +15,7 @@ from valvefsi.case.material_tables import Fibre, Material
 from valvefsi.case.output_tables import Line, Section
 from valvefsi.case.quantities import (
     BodyDamping,
+    Density,
     Length,
     Quantity,
     StepPerSpacing,
@@ -230,6 +231,12 @@ class Solid(Table):
     )
     mass: Literal["consistent", "lumped"] = Field(
         "consistent", description='elemental only: mass of the projections, "consistent" or "lumped" (faster)'
+    )
+    density: Density | None = Field(
+        None,
+        gt=0,
+        description="Density, that of the fluid or larger; that of the fluid when left out",
+        examples=["1.1 g/cm^3"],
     )
     damping: BodyDamping = Field(0.0, ge=0, description="Damping eta of the whole body, force density -eta U")
     nu_stab: Annotated[float | None, BeforeValidator(_off)] = Field(
