@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from valvefsi.benchmarks.turek_model import (
 from valvefsi.benchmarks.turek_signals import oscillation, whole_periods
 from valvefsi.errors import CaseError, StabilityError
 from valvefsi.recording import Output
+from valvefsi.solid.inertia import Twin
 
 WORLD = MPI.COMM_WORLD
 QUICK = ("ramp='40 ms'",)
@@ -136,6 +138,27 @@ def test_forces_come_from_what_holds_the_bodies_and_the_momentum_of_the_flag(bui
     assert found["lift_dyn_per_cm"] == pytest.approx(-5.0, abs=1e-6)
 
 
+def test_a_heavy_flag_takes_the_force_that_its_whole_mass_needs():
+    """At a speed that grows by a dt the flag of FSI2 feels rho_s A a."""
+    values = Setup(case="fsi2", cells=2).values()
+    model, dt = build(2, SETUP.kernel, values, WORLD)
+    watch, state = Watch(model), fsi.initial_state(model, dt)
+    watch.begin(state)
+    u = model.grid.zero_faces()
+    u[0][...] = 30.0
+    twins = tuple(Twin(twin.Y, 0.0 * twin.V + (30.0, 0.0, 0.0)) for twin in state.twins)
+    watch.count = 1
+    found = watch.record(replace(state, t=0.01, u=u, twins=twins))
+    inertia = 10.0 * THICKNESS * (TIP - ROOT) * 30.0 / 0.01
+    assert found["drag_dyn_per_cm"] == pytest.approx(inertia, rel=1e-12)
+
+
+def test_a_steady_case_is_compared_by_its_means_alone(shared_tmp):
+    result = turek.run(Setup(case="fsi1", cells=2, t_end=0.02), out=shared_tmp)
+    references = [line["reference"] for line in result["table"][:12]]
+    assert references == [0.0227, None, None, 0.8209, None, None, 14.295, None, None, 0.7638, None, None]
+
+
 def test_mean_amplitude_and_frequency_of_a_known_signal():
     t = np.linspace(0.0, 6.0, 6001)
     uy = 1.5 + 34.0 * (1.0 - np.exp(-3.0 * t)) * np.sin(2.0 * np.pi * 5.3 * t)
@@ -204,13 +227,16 @@ def test_the_command_writes_its_files(shared_tmp):
         for name in ("history.png", "vorticity.png"):
             assert (shared_tmp / "N2" / name).stat().st_size > 10000
     assert result["table"][0]["reference"] == -2.69
-    other = turek.comparable(Setup(case="fsi2"), Setup(case="fsi2").values())
-    assert not other, "without its own density FSI2 is not compared"
+    assert turek.comparable(Setup(case="fsi2"), Setup(case="fsi2").values())
+    light = Setup(case="fsi2", overrides=["rho_s=1"])
+    assert not turek.comparable(light, light.values()), "without its own density FSI2 is not compared"
 
 
 def test_what_cannot_be_used_is_refused():
     with pytest.raises(CaseError, match="a case is one of"):
-        Setup(case="fsi1")
+        Setup(case="fsi4")
+    with pytest.raises(CaseError, match=r"the fluid's density.*rho_s|rho_s.*the fluid's density"):
+        Setup(overrides=["rho_s=0.5"]).values()
     with pytest.raises(CaseError, match="a kernel is one of"):
         Setup(kernel="ib7")
     with pytest.raises(CaseError, match="above 0"):

@@ -16,6 +16,7 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.geometry.mesh import SolidMesh, mesh_from_gmsh
 from valvefsi.grading import graded_edges
 from valvefsi.grid import Array, MacGrid
+from valvefsi.solid.inertia import ExcessMass
 from valvefsi.solid.loads import Tether
 from valvefsi.solid.materials import NeoHookean, kappa_stab
 from valvefsi.solid.rigid import RigidSurface
@@ -158,6 +159,9 @@ def build(cells: int, kernel: str, values: Mapping[str, float], comm: MPI.Comm) 
     explicit = 2.0 * dt < ExplicitViscosity.limit(grid, rho=rho, mu=mu)
     sides = Boundary(grid, {"x_lower": Wall(velocity=inflow(values)), "x_upper": Open()})
     kind = ExplicitViscosity if explicit else NavierStokes
+    density, heavy = values["rho_s"], ()
+    if density > rho:
+        heavy = (ExcessMass(0, flag, coupling, rho=rho, density=density),)
     model = fsi.Model(
         grid=grid,
         fluid=kind(grid, sides, rho=rho, mu=mu, advection="xsppm7"),
@@ -165,5 +169,6 @@ def build(cells: int, kernel: str, values: Mapping[str, float], comm: MPI.Comm) 
         couplings=(coupling,),
         rigid=(cylinder,),
         transfers=(coupling.stay(cylinder.X),),
+        heavy=heavy,
     )
     return model, dt

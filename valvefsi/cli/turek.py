@@ -16,7 +16,7 @@ turek = typer.Typer(help="A flag behind a cylinder.", **HELP)
 
 @turek.command("turek-fsi")
 def command(
-    case: Annotated[str, typer.Option(help="fsi3, or fsi2 with the fluid's density.")] = "fsi3",
+    case: Annotated[str, typer.Option(help="fsi1 (steady), fsi2 (a heavy flag) or fsi3.")] = "fsi3",
     cells: Annotated[int, typer.Option("--cells", min=2, help="Cells across the flag.")] = 4,
     t_end: Annotated[float, typer.Option("--t-end", help="End of the run [s].")] = 8.0,
     refine: Annotated[
