@@ -12,9 +12,9 @@ distance of the two then obeys the same recurrence at every density, every step 
     lambda^2 - (2 - a - b) lambda + 1 - b = 0,   stable while a + 2 b < 4;
 
 a = b = 1/2 leaves room for less fluid in motion than M_k says and for other springs, and loses 30 % a step. (What the
-fluid cannot follow, twins that crowd or that jump from node to node, rings longer, by the factor m_k / mu_k.) A twin lags
-its node by m_k dt^2 / (a mu_k) times the acceleration: the tie is as consistent as the step, of second order, and there
-is no constant to choose.
+fluid cannot follow, twins that crowd or that jump from node to node, rings longer, by the factor m_k / mu_k.) A twin
+lags its node by m_k dt^2 / (a mu_k) times the acceleration: the tie is as consistent as the step, of second order, and
+there is no constant to choose.
 """
 
 from __future__ import annotations
