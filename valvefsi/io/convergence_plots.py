@@ -11,7 +11,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from valvefsi.io.plots import GRID, INK, LINES, MUTED, STYLE
+from valvefsi.io.plots import INK, LINES, STYLE, headings, plain, saved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,11 +52,8 @@ def convergence(path: Path, panels: Sequence[Convergence], *, title: str = "") -
             _draw_convergence(axes, panel)
         every[-1].set_xlabel("unknowns")
         figure.align_ylabels(every)
-        _headings(figure, title, "answers under refinement")
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    return path
+        headings(figure, title, "answers under refinement")
+        return saved(figure, path)
 
 
 def _draw_convergence(axes: Axes, panel: Convergence) -> None:
@@ -73,14 +70,6 @@ def _draw_convergence(axes: Axes, panel: Convergence) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xticks(ticks, labels=[f"{n:,}" for n in ticks], rotation=20 if len(ticks) > 5 else 0)
     axes.set_ylabel(panel.label, fontsize=9)
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain(axes)
     axes.margins(y=0.15)
     axes.legend(frameon=False, fontsize=8)
-
-
-def _headings(figure: Figure, title: str, caption: str) -> None:
-    height = figure.get_figheight()
-    figure.text(0.06, 1 - 0.34 / height, title, fontsize=12.5, fontweight="bold", va="baseline")
-    figure.text(0.06, 1 - 0.57 / height, caption, fontsize=9.5, color=MUTED, va="baseline")

@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from valvefsi.io.plots import INK, LINES, MUTED, STYLE
+from valvefsi.io.plots import INK, LINES, MUTED, STYLE, saved
 
 
 def decay(
@@ -45,10 +45,7 @@ def decay(
         below.set(xlabel="t", ylabel="loss of energy [$10^{-3}$]", xlim=(0, t[-1]), ylim=(0, None))
         below.legend(frameon=False, loc="upper left", labelcolor=MUTED)
         figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    return path
+        return saved(figure, path)
 
 
 def forces(
@@ -85,10 +82,7 @@ def forces(
             axes.set_ylabel(f"{key} coefficient")
         below.set(xlabel="t U / D", xlim=(0, t[-1]))
         figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    return path
+        return saved(figure, path)
 
 
 def profiles(path: Path, curves: dict[str, list], *, title: str = "") -> Path:
@@ -119,10 +113,7 @@ def profiles(path: Path, curves: dict[str, list], *, title: str = "") -> Path:
         figure.axes[0].set(ylabel="y [cm]", ylim=(0, 1))
         figure.suptitle(f"{title}; lines: closed form", x=0.1, ha="left", fontweight="bold")
         figure.subplots_adjust(top=0.82, bottom=0.14)
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    return path
+        return saved(figure, path)
 
 
 def centre_lines(
@@ -154,7 +145,4 @@ def centre_lines(
             axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
         figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
         figure.subplots_adjust(top=0.86, bottom=0.16, wspace=0.3)
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    return path
+        return saved(figure, path)

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from valvefsi.io.plots import GRID, INK, LINES, MUTED, STYLE
+from valvefsi.io.plots import INK, LINES, MUTED, STYLE, plain, saved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,7 +133,7 @@ def blocks_picture(
         _legend(figure, blocks)
         figure.text(0.75 / width, 1 - 0.36 / height, title, fontsize=12.5, fontweight="bold", va="baseline")
         figure.text(0.75 / width, 1 - 0.6 / height, caption, fontsize=9.5, color=MUTED, va="baseline")
-        return _save(figure, path)
+        return saved(figure, path)
 
 
 def profiles_picture(
@@ -172,7 +172,7 @@ def profiles_picture(
                 axes.set_ylabel("cost / least cost")
         figure.text(0.95 / width, 1 - 0.36 / height, title, fontsize=12.5, fontweight="bold", va="baseline")
         figure.text(0.95 / width, 1 - 0.6 / height, caption, fontsize=9.5, color=MUTED, va="baseline")
-        return _save(figure, path)
+        return saved(figure, path)
 
 
 def _panel(
@@ -215,9 +215,7 @@ def _panel(
     lower.locator_params(axis="y", nbins=3)
     lower.locator_params(axis="x", nbins=5)
     for axes in (upper, lower):
-        axes.grid(color=GRID, linewidth=0.8)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain(axes)
     return upper, lower
 
 
@@ -278,13 +276,4 @@ def _profile(axes: Axes, panel: ProfilePanel) -> None:
         panel.verdict, (0, 1.03), xycoords="axes fraction", fontsize=8.5, color=MUTED, annotation_clip=False
     )
     axes.ticklabel_format(axis="y", useOffset=False)
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    return path
+    plain(axes)

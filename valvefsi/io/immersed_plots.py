@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from valvefsi.io.plots import GRID, INK, LINES, MUTED, STYLE
+from valvefsi.io.plots import INK, LINES, MUTED, STYLE, plain, saved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,10 +90,7 @@ def panels(path: Path, shown: Sequence[Panel], *, title: str = "", caption: str 
             figure.legend(handles, labels, loc="center right", frameon=False, fontsize=8)
         figure.text(0.03, 0.93, title, fontsize=12.5, fontweight="bold", va="baseline")
         figure.text(0.03, 0.87, caption, fontsize=9.5, color=MUTED, va="baseline")
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    return path
+        return saved(figure, path)
 
 
 def _draw(axes: Axes, panel: Panel, *, legend: bool) -> None:
@@ -121,8 +118,6 @@ def _draw(axes: Axes, panel: Panel, *, legend: bool) -> None:
         axes.set_xticks(ticks, labels=[f"{x:g}" for x in ticks])
     axes.set_xlabel(panel.xlabel)
     axes.set_ylabel(panel.ylabel, fontsize=9)
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain(axes)
     if legend and (panel.reference_label or any(line.label for line in panel.lines)):
         axes.legend(frameon=False, fontsize=8)

@@ -13,7 +13,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from valvefsi.io.plots import INK, MUTED, STYLE
+from valvefsi.io.plots import INK, MUTED, STYLE, saved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,10 +82,7 @@ def heat_maps(
                 box = (left / width, 1 - bottom / height, wide / width, high / height)
                 _draw(figure.add_axes(box), shown, rows if k == 0 else None, columns)
             top += high + HEAD
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    return path
+        return saved(figure, path)
 
 
 def _draw(axes: Axes, shown: HeatMap, rows: Sequence[str] | None, columns: Sequence[float]) -> None:

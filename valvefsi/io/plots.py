@@ -139,7 +139,7 @@ def flow_and_solid(
             place = (left + number * (span + 0.09), 0.58 / height, span, 0.12 / height)
             _bar(figure, place, mappable, label)
         _headings(figure, left, bottom + tall / height, title, caption, height)
-        return _save(figure, path)
+        return saved(figure, path)
 
 
 def histories(
@@ -168,7 +168,7 @@ def histories(
         panels[-1].set_xlabel("t [s]")
         figure.align_ylabels(panels)
         _headings(figure, 0.13, top, title, caption, height)
-        return _save(figure, path)
+        return saved(figure, path)
 
 
 def phase_bars(
@@ -209,7 +209,7 @@ def phase_bars(
             loc="lower left", bbox_to_anchor=(0.1, 0.0), ncols=min(len(names), 4), frameon=False, fontsize=8.5
         )
         _headings(figure, 0.11, 1.0 / height + 0.52 * len(steps) / height - 0.1 / height, title, "", height)
-        return _save(figure, path)
+        return saved(figure, path)
 
 
 def _draw_flow(axes: Axes, flow: PlaneFlow, extent: tuple[float, ...]) -> tuple[ScalarMappable, str]:
@@ -272,9 +272,7 @@ def _draw_history(axes: Axes, t: NDArray, panel: Series) -> None:
     if len(panel.lines) > 1:
         axes.legend(frameon=False, fontsize=8.5, ncols=3, loc="best")
     axes.set_ylabel(panel.label)
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain(axes)
     axes.margins(x=0, y=0.12)
 
 
@@ -298,7 +296,22 @@ def _ends(centres: NDArray) -> tuple[float, float]:
     return float(centres[0] - half), float(centres[-1] + half)
 
 
-def _save(figure: Figure, path: Path) -> Path:
+def plain(axes: Axes) -> None:
+    """Give a plot a light grid behind its curves, and no frame above and to the right."""
+    axes.grid(color=GRID, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def headings(figure: Figure, title: str, caption: str) -> None:
+    """Put a heading and a line under it at the top left of a figure."""
+    height = figure.get_figheight()
+    figure.text(0.06, 1 - 0.34 / height, title, fontsize=12.5, fontweight="bold", va="baseline")
+    figure.text(0.06, 1 - 0.57 / height, caption, fontsize=9.5, color=MUTED, va="baseline")
+
+
+def saved(figure: Figure, path: Path) -> Path:
+    """Write a figure, its folder too, and return where it is."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
 from valvefsi.io.grid_files import GridFields
-from valvefsi.io.plots import INK, MUTED, STYLE
-from valvefsi.io.solid_body import CORNERS, Body
+from valvefsi.io.plots import INK, MUTED, STYLE, saved
+from valvefsi.io.solid_body import CORNERS, Body, outer_faces
 
 DERIVED = {
     "speed": "cm/s",
@@ -33,12 +33,6 @@ UNITS = {
     "turbulence_kinetic_energy": "cm^2/s^2",
     "mean_velocity": "cm/s",
     "velocity": "cm/s",
-}
-FLAT = (5, 9, 22, 28, 69, 70)
-"""VTK's plane cells."""
-FACES = {
-    4: ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
-    8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 }
 
 
@@ -159,25 +153,9 @@ def outline(body: Body, plane: Plane, dim: int) -> list[NDArray]:
         ]
     segments: list[NDArray] = []
     kept = [k for k in range(3) if k != plane.axis]
-    for faces in _surface(body):
+    for faces in outer_faces(body):
         segments += list(_cut_faces(body.points[faces], plane, kept))
     return segments
-
-
-def _surface(body: Body) -> list[NDArray]:
-    """Return the faces that belong to one cell only, and flat cells, by their number of corners."""
-    found: dict[int, list[NDArray]] = {}
-    for kind, block in body.cells.items():
-        corners = CORNERS[int(kind)]
-        flat = int(kind) in FLAT
-        for face in (range(corners),) if flat else FACES[corners]:
-            found.setdefault(len(face), []).append(np.asarray(block)[:, list(face)])
-    outer = []
-    for parts in found.values():
-        faces = np.concatenate(parts)
-        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-        outer.append(faces[first[count == 1]])
-    return outer
 
 
 def _cut_faces(corners: NDArray, plane: Plane, kept: Sequence[int]) -> NDArray:
@@ -247,9 +225,7 @@ def draw_slice(
         figure.colorbar(picture, cax=bar, label=f"{found.name.replace('_', ' ')}{unit}")
         figure.text(place[0], 1 - 0.38 / whole[1], title, fontsize=13, fontweight="bold")
         figure.text(place[0], 1 - 0.66 / whole[1], caption, fontsize=9.5, color=MUTED)
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    return Path(path)
+        return saved(figure, path)
 
 
 def scale_of(values: NDArray) -> tuple[float, float]:

@@ -16,6 +16,13 @@ if TYPE_CHECKING:
 
 CORNERS = {5: 3, 9: 4, 10: 4, 12: 8, 22: 3, 28: 4, 24: 4, 69: 3, 70: 4, 71: 4, 72: 8}
 """Corners of VTK's cells, the first nodes of each."""
+FLAT = (5, 9, 22, 28, 69, 70)
+"""VTK's plane cells."""
+FACES = {
+    4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    8: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Faces of cells in space with 4 corners and with 8, outward."""
 KINDS = {"triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12, "triangle6": 22, "quad9": 28, "tetra10": 24}
 KINDS |= {"VTK_LAGRANGE_HEXAHEDRON": 72}
 NAMES = {5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 22: "triangle6", 28: "quad9", 24: "tetra10"}
@@ -109,3 +116,20 @@ def _to_nodes(count: int, cells: Sequence, blocks: Sequence[NDArray]) -> NDArray
         np.add.at(sums, block.data, np.asarray(data, dtype=float).reshape(-1, 1))
         np.add.at(number, block.data, 1.0)
     return sums / np.maximum(number, 1.0)
+
+
+def outer_faces(body: Body) -> list[NDArray]:
+    """Return the faces that belong to one cell only, and flat cells, one array for each number of corners."""
+    found: dict[int, list[NDArray]] = {}
+    for kind, block in body.cells.items():
+        if not len(block):
+            continue
+        corners = CORNERS[int(kind)]
+        for face in (range(corners),) if int(kind) in FLAT else FACES[corners]:
+            found.setdefault(len(face), []).append(np.asarray(block)[:, list(face)])
+    outer = []
+    for parts in found.values():
+        faces = np.concatenate(parts)
+        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+        outer.append(faces[first[count == 1]])
+    return outer

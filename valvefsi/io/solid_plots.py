@@ -23,18 +23,12 @@ from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from valvefsi.errors import CaseError
-from valvefsi.io.plots import DILATION, INK, MUTED, STYLE
-from valvefsi.io.solid_body import CORNERS, Body, read_body
+from valvefsi.io.plots import DILATION, INK, STYLE, headings, saved
+from valvefsi.io.solid_body import CORNERS, Body, outer_faces, read_body
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-FACES = {
-    3: ((0, 1, 2),),
-    4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
-    8: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
-}
-"""Faces of cells with 4 corners in space and with 8, outward."""
 HEAT = mpl.colormaps["viridis"]
 
 
@@ -78,12 +72,9 @@ def deformed(path: Path, body: Body, *, title: str = "", caption: str = "") -> P
             figure = _framed(_render(body, name, values, scale))
         else:
             figure = _plain_space(body, values, scale)
-        _headings(figure, title, caption)
+        headings(figure, title, caption)
         _bar(figure, scale, name)
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    return path
+        return saved(figure, path)
 
 
 def draw_folder(folder: Path, out: Path, *, field: str | None = None, t: float | None = None) -> list[Path]:
@@ -202,20 +193,6 @@ def _outline(body: Body) -> NDArray:
     return edges[first[count == 1]]
 
 
-def _surface(body: Body) -> list[NDArray]:
-    """Return the outer faces of a body in space, one array for each number of corners."""
-    found: dict[int, list[NDArray]] = {}
-    for nodes in _corner_cells(body):
-        for face in FACES[nodes.shape[1]]:
-            found.setdefault(len(face), []).append(nodes[:, face])
-    outer = []
-    for parts in found.values():
-        faces = np.concatenate(parts)
-        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-        outer.append(faces[first[count == 1]])
-    return outer
-
-
 def _render(body: Body, name: str, values: NDArray, scale: ScalarMappable) -> NDArray:
     """Render a body in space off screen; return the image."""
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", _off_screen_window() or "")
@@ -294,7 +271,7 @@ def _plain_space(body: Body, values: NDArray, scale: ScalarMappable) -> Figure:
 
     figure = Figure(figsize=(6.4, 7.2), dpi=160, facecolor="white")
     axes = figure.add_axes((0.02, 0.14, 0.93, 0.74), projection="3d")
-    for faces in _surface(body):
+    for faces in outer_faces(body):
         colours = scale.to_rgba(values[faces].mean(axis=1))
         look = {"facecolors": colours, "edgecolor": "#1b273355", "linewidth": 0.3}
         axes.add_collection3d(Poly3DCollection(body.points[faces], **look))
@@ -303,12 +280,6 @@ def _plain_space(body: Body, values: NDArray, scale: ScalarMappable) -> Figure:
     axes.set(xlabel="x [cm]", ylabel="y [cm]", zlabel="z [cm]")
     axes.set_box_aspect(np.maximum(high - low, 1e-3 * (high - low).max()))
     return figure
-
-
-def _headings(figure: Figure, title: str, caption: str) -> None:
-    height = figure.get_figheight()
-    figure.text(0.06, 1 - 0.34 / height, title, fontsize=12.5, fontweight="bold", va="baseline")
-    figure.text(0.06, 1 - 0.57 / height, caption, fontsize=9.5, color=MUTED, va="baseline")
 
 
 def _bar(figure: Figure, scale: ScalarMappable, label: str) -> None:

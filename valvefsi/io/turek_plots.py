@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from valvefsi.io.plots import GRID, INK, LINES, MUTED, STYLE
+from valvefsi.io.plots import INK, LINES, MUTED, STYLE, plain, saved
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,9 +56,7 @@ def histories(
                     for level in (mean - amplitude, mean + amplitude):
                         axes.axhline(level, color=INK, linewidth=0.9, dashes=(5, 3))
                 axes.plot(t[part], x[part], color=colour, linewidth=0.8 if part is not late else 1.4)
-                axes.grid(color=GRID, linewidth=0.8)
-                axes.set_axisbelow(True)
-                axes.spines[["top", "right"]].set_visible(False)
+                plain(axes)
             low, high = _span(x[late], known.get(key))
             panels[number, 1].set_ylim(low, high)
             if key == "drag":  # the start of the flow takes far larger forces
@@ -71,7 +69,7 @@ def histories(
             figure.text(0.98, 0.945, note, ha="right", fontsize=8.5, color=MUTED)
         figure.suptitle(title, x=0.02, ha="left", fontweight="bold")
         figure.subplots_adjust(left=0.09, right=0.98, top=0.93, bottom=0.07, hspace=0.14, wspace=0.18)
-        return _saved(figure, path)
+        return saved(figure, path)
 
 
 def _span(x: NDArray, known: tuple[float, float, float] | None) -> tuple[float, float]:
@@ -119,11 +117,4 @@ def vorticity(
         bar = figure.colorbar(shown, cax=figure.add_axes((0.895, 0.3, 0.02, 0.4)), extend="both")
         bar.set_label("vorticity [1/s]")
         figure.suptitle(title, x=0.02, y=1 - 0.12 / height, va="top", ha="left", fontweight="bold")
-        return _saved(figure, path)
-
-
-def _saved(figure: Figure, path: Path) -> Path:
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    return path
+        return saved(figure, path)

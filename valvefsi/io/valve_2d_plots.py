@@ -10,10 +10,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from valvefsi.io.plots import GRID, INK, LINES, MUTED, STYLE
+from valvefsi.io.plots import INK, LINES, MUTED, STYLE, plain, saved
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
 SPAN = (1.0, 5.0)
@@ -57,13 +56,13 @@ def tips(
             ylabel="gap of the leaflets [cm]", xlabel="t [s]", ylim=(min(0.0, history["gap"].min()), None)
         )
         for axes in (along, across, between):
-            _tidy(axes)
+            plain(axes)
         along.legend(
             frameon=False, fontsize=8, labelcolor=MUTED, ncols=4, loc="lower left", bbox_to_anchor=(0, 1)
         )
         figure.suptitle(title, x=0.02, ha="left", fontweight="bold")
         figure.subplots_adjust(left=0.1, right=0.97, top=0.9, bottom=0.08, hspace=0.15)
-        return _saved(figure, path)
+        return saved(figure, path)
 
 
 def in_the_flow(path: Path, snapshots: Sequence[Mapping[str, object]], *, title: str = "") -> Path:
@@ -95,17 +94,4 @@ def in_the_flow(path: Path, snapshots: Sequence[Mapping[str, object]], *, title:
         bar = figure.colorbar(shown, cax=figure.add_axes((0.89, 0.3, 0.02, 0.4)))
         bar.set_label("speed [cm/s]")
         figure.suptitle(title, x=0.02, y=1 - 0.15 / height, va="top", ha="left", fontweight="bold")
-        return _saved(figure, path)
-
-
-def _tidy(axes: Axes) -> None:
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def _saved(figure: Figure, path: Path) -> Path:
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    return path
+        return saved(figure, path)

@@ -13,7 +13,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from valvefsi.io.plots import GRID, INK, LINES, MUTED, STYLE
+from valvefsi.io.plots import INK, LINES, MUTED, STYLE, plain, saved
+from valvefsi.io.waveform_plots import headings_at
 from valvefsi.units import MMHG
 
 if TYPE_CHECKING:
@@ -68,8 +69,8 @@ def valve_waveforms(path: Path, waves: Mapping[str, NDArray], *, title: str = ""
             rows[1].text(forward[0].mean(), 0.05, "forward flow", fontsize=8.5, color=MUTED, **where)
         rows[-1].set_xlabel("t [s]")
         figure.align_ylabels(list(rows))
-        _headings(figure, 0.105, title, caption)
-        return _save(figure, path)
+        headings_at(figure, 0.105, title, caption)
+        return saved(figure, path)
 
 
 def _panel(axes: Axes, waves: Mapping[str, NDArray], names: Sequence[str]) -> None:
@@ -90,9 +91,7 @@ def _panel(axes: Axes, waves: Mapping[str, NDArray], names: Sequence[str]) -> No
                 label=f"{label}, measured",
                 zorder=4,
             )
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain(axes)
     axes.margins(x=0, y=0.12)
     axes.yaxis.set_major_locator(mpl.ticker.MaxNLocator(5))
     if names != ("p_lv", "p_ao"):
@@ -148,8 +147,8 @@ def valve_end_views(
             axes.set_axis_off()
         for axes, view in zip(grid, views, strict=False):
             _end_view(axes, view, radius)
-        _headings(figure, 0.03, title, caption)
-        return _save(figure, path)
+        headings_at(figure, 0.03, title, caption)
+        return saved(figure, path)
 
 
 def _end_view(axes: Axes, view: Mapping[str, NDArray], radius: float) -> None:
@@ -190,16 +189,3 @@ def _lit(corners: NDArray, owner: NDArray) -> NDArray:
     facing = np.clip(np.divide(normal, size, out=np.zeros_like(normal), where=size > 0) @ lamp, 0, 1)
     base = np.array([to_rgb(colour) for colour in LEAFLETS])[owner % len(LEAFLETS)]
     return np.clip(base * (0.62 + 0.45 * facing[:, None]), 0, 1)
-
-
-def _headings(figure: Figure, x: float, title: str, caption: str) -> None:
-    height = figure.get_size_inches()[1]
-    figure.text(x, 1 - 0.36 / height, title, fontsize=12, fontweight="bold", va="baseline")
-    figure.text(x, 1 - 0.61 / height, caption, fontsize=9, color=MUTED, va="baseline")
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    return path

@@ -11,7 +11,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from valvefsi.io.plots import GRID, INK, LINES, MUTED, STYLE
+from valvefsi.io.plots import INK, LINES, MUTED, STYLE, plain, saved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,12 +63,13 @@ def circuit_fit(path: Path, picture: CircuitPicture) -> Path:
         _draw_inputs(below, picture)
         below.set_xlabel("t [s]")
         for axes in (above, middle, below):
-            _plain(axes)
+            plain(axes)
+            axes.margins(x=0, y=0.12)
         above.margins(x=0, y=0.16)
         below.margins(x=0, y=0.3)
         figure.align_ylabels([above, middle, below])
-        _headings(figure, 0.125, picture.title, picture.caption)
-        return _save(figure, path)
+        headings_at(figure, 0.125, picture.title, picture.caption)
+        return saved(figure, path)
 
 
 def _draw_inputs(axes: Axes, picture: CircuitPicture) -> None:
@@ -89,21 +90,8 @@ def _draw_inputs(axes: Axes, picture: CircuitPicture) -> None:
     axes.legend(handles=drawn, frameon=False, fontsize=8.5, ncols=4, loc="upper right")
 
 
-def _plain(axes: Axes) -> None:
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.margins(x=0, y=0.12)
-
-
-def _headings(figure: Figure, x: float, title: str, caption: str) -> None:
+def headings_at(figure: Figure, x: float, title: str, caption: str) -> None:
+    """Put a heading and a line under it at the top of a figure, from x on."""
     height = figure.get_size_inches()[1]
     figure.text(x, 1 - 0.36 / height, title, fontsize=12, fontweight="bold", va="baseline")
     figure.text(x, 1 - 0.61 / height, caption, fontsize=9, color=MUTED, va="baseline")
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    return path
