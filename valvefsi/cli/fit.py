@@ -12,7 +12,7 @@ import typer
 from valvefsi.cli.fit_windkessel import windkessel
 from valvefsi.cli.option_groups import as_number, options_of, pairs
 from valvefsi.cli.options import HELP
-from valvefsi.cli.tables import WIDE, print_table
+from valvefsi.cli.tables import WIDE, print_fit
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
@@ -111,21 +111,8 @@ def show_fit(found: BiaxialFit, folder: Path | None = None) -> None:
     from rich.console import Console
 
     console = Console(width=None if sys.stdout.isatty() else WIDE)
-    for note in found.report.notes:
-        console.print(f"note: {note}", highlight=False, soft_wrap=True, markup=False)
-    headings = {
-        "parameter": "left",
-        "value": "right",
-        "unit": "left",
-        "std": "right",
-        "95 % interval": "left",
-    }
-    title = f"{found.report.kind} fit, {found.report.model}"
-    print_table(console, title, {**headings, "verdict": "left"}, found.report.rows())
-    for line in found.lines():
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
-    if folder is not None:
-        console.print(f"results in {folder}", highlight=False, soft_wrap=True, markup=False)
+    place = () if folder is None else (f"results in {folder}",)
+    print_fit(console, found.report, (*found.lines(), *place))
 
 
 def _length(text: str | None) -> float | None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valvefsi.cli.option_groups import as_number, options_of, pairs
-from valvefsi.cli.tables import WIDE, print_table
+from valvefsi.cli.tables import WIDE, print_fit, print_table
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
@@ -166,19 +166,7 @@ def _show(reports: Sequence[CircuitReport], folder: Path) -> None:
     for report in reports:
         place = folder if report is reports[0] else folder / report.model
         report.write(place)
-        for note in report.notes:
-            console.print(f"note: {note}", highlight=False, soft_wrap=True, markup=False)
-        headings = {
-            "parameter": "left",
-            "value": "right",
-            "unit": "left",
-            "std": "right",
-            "95 % interval": "left",
-        }
-        title = f"{report.kind} fit, {report.model}"
-        print_table(console, title, {**headings, "verdict": "left"}, report.rows())
-        for line in (*report.lines(), f"results in {place}"):
-            console.print(line, highlight=False, soft_wrap=True, markup=False)
+        print_fit(console, report, (*report.lines(), f"results in {place}"))
     if len(reports) > 1:
         rows = compare(reports)
         shown = [

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mpi4py import MPI
     from rich.console import Console
+
+    from valvefsi.fitting.report import Report
 
 WIDE = 120
 
@@ -65,6 +67,17 @@ def print_table(
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     console.print(table)
+
+
+def print_fit(console: Console, report: Report, lines: Sequence[str]) -> None:
+    """Print what a fit warns of, its table of parameters, and more lines under it."""
+    headings = {"parameter": "left", "value": "right", "unit": "left", "std": "right", "95 % interval": "left"}
+    for note in report.notes:
+        console.print(f"note: {note}", highlight=False, soft_wrap=True, markup=False)
+    title = f"{report.kind} fit, {report.model}"
+    print_table(console, title, {**headings, "verdict": "left"}, report.rows())
+    for line in lines:
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
