@@ -50,3 +50,23 @@ def test_the_command_writes_its_forces(shared_tmp):
     assert [entry["source"] for entry in result["table"]] == ["PetIBM; Liu et al. 1998"] * 3
     with pytest.raises(CaseError, match="kernle = 'ib4': unknown parameter; did you mean 'kernel'"):
         run(cells=8, out=shared_tmp, overrides=["kernle=ib4"])
+
+
+def test_points_may_lie_inside_the_circle():
+    parameters = defaults(PARAMETERS) | {"width": 12.0}
+    radii = []
+    for retract in (0.0, 0.5):
+        model, _ = build(16, parameters | {"retract": retract}, WORLD)
+        ring = model.solids[0]
+        r = WORLD.allgather(np.hypot(ring.X[:, 0], ring.X[:, 1]))[0]
+        assert np.ptp(r) < 1e-12
+        assert ring.weight * len(r) == pytest.approx(2 * np.pi * r[0])
+        radii.append(r[0])
+    assert radii == pytest.approx([0.5, 0.5 - 0.5 / 16])
+
+
+@pytest.mark.parametrize("override", ["retract=-1", "retract=3", "width=0"])
+def test_parameters_out_of_range_are_refused(override, tmp_path):
+    key = override.partition("=")[0]
+    with pytest.raises(CaseError, match=key):
+        run(cells=8, out=tmp_path, overrides=[override])
