@@ -140,6 +140,18 @@ def test_a_dip_of_the_pressure_difference_does_not_cut_its_interval():
     assert (got.pressure_start, got.pressure_end) == (plain.pressure_start, plain.pressure_end)
 
 
+@pytest.mark.parametrize(("first", "second"), [(2, 3), (3, 2)])
+def test_of_two_positive_parts_that_a_deep_dip_parts_the_larger_counts(first, second):
+    one, third = record(), EJECTION / 3
+    part = np.floor((one.t - OPEN) / third)
+    heights = np.select([part == k for k in range(3)], [first, -6, second], 0)
+    dp = MMHG * heights * np.abs(np.sin(np.pi * (one.t - OPEN) / third))
+    got = cycle_numbers(dataclasses.replace(one, p_lv=one.p_ao + dp), SALINE)
+    start = OPEN + (0 if first > second else 2 * third)
+    assert (got.pressure_start, got.pressure_end) == pytest.approx((start, start + third), abs=3e-4)
+    assert got.mean_pressure_difference == pytest.approx(3 * MMHG * 2 / np.pi, rel=2e-3)
+
+
 def test_without_the_area_the_times_come_from_the_flow():
     got = cycle_numbers(dataclasses.replace(record(), pdva=None), SALINE)
     assert got.times_from == "flow"

@@ -71,7 +71,13 @@ def print_table(
 
 def print_fit(console: Console, report: Report, lines: Sequence[str]) -> None:
     """Print what a fit warns of, its table of parameters, and more lines under it."""
-    headings = {"parameter": "left", "value": "right", "unit": "left", "std": "right", "95 % interval": "left"}
+    headings = {
+        "parameter": "left",
+        "value": "right",
+        "unit": "left",
+        "std": "right",
+        "95 % interval": "left",
+    }
     for note in report.notes:
         console.print(f"note: {note}", highlight=False, soft_wrap=True, markup=False)
     title = f"{report.kind} fit, {report.model}"
