@@ -17,7 +17,7 @@ LAYERS = [
     {"grid"},
     {"fluid", "solid", "coupling", "circulation", "geometry", "diagnostics", "io"},
     {"fsi"},
-    {"statistics"},
+    {"statistics", "recorded_stress"},
     {"recording", "schedule"},
     {"pictures"},
     {"simulation"},

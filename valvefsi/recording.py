@@ -17,8 +17,9 @@ from valvefsi.fsi import Model, State
 from valvefsi.grid import Array, MacGrid
 from valvefsi.io import checkpoint
 from valvefsi.io.history import History
-from valvefsi.io.paraview import BodySeries, FluidSeries, SolidSeries
+from valvefsi.io.paraview import FluidSeries, SolidSeries
 from valvefsi.io.solid_body import Body, write_body
+from valvefsi.recorded_stress import StressRecorder
 from valvefsi.solid.inertia import Twin
 from valvefsi.statistics import Line, Statistics
 from valvefsi.units import MMHG
@@ -280,7 +281,7 @@ class Recorder:
             self.fluid_series = FluidSeries(folder, "fluid", comm, *place, resume_time=time)
             self.solid_series = [SolidSeries(folder, s.name, comm, resume_time=time) for s in model.solids]
             self._write_rigid(folder)
-        self.stresses = self._open_stresses(time) if output.frames and output.stress else []
+            self.stresses = StressRecorder(model, output, resume)
 
     def _write_rigid(self, folder: Path) -> None:
         """Write each rigid surface with faces once, for pictures. Collective."""
@@ -363,26 +364,6 @@ class Recorder:
                 found[f"reynolds_{name}"] = float(number)
         return found
 
-    def _open_stresses(self, resume_time: float | None) -> list[tuple]:
-        """Series and stress of every hyperelastic solid, with its number. Collective."""
-        from valvefsi.solid.stress import stress_of_structure  # compiles a form for each solid
-
-        found = []
-        for number, solid in enumerate(self.model.solids):
-            if hasattr(solid, "material"):
-                fibres = solid.mesh.fibres
-                options = {"fibres": fibres, "fibre": next(iter(fibres))} if fibres else {}
-                folder, name = self.output.directory / "paraview", f"{solid.name}_stress"
-                series = BodySeries(folder, name, self.model.grid.comm, resume_time=resume_time)
-                found.append((number, series, stress_of_structure(solid, **options)))
-        return found
-
-    def _write_stresses(self, state: State) -> None:
-        for number, series, stress in self.stresses:
-            self.model.solids[number].jacobian(state.chi[number])  # puts the solid where it is now
-            asked = [q for q in self.output.stress if q != "fibre_stretch" or stress.has_fibre]
-            series.write(state.t, stress.gather(*asked))
-
     def frame(self, state: State) -> None:
         """Write one time of the ParaView series. Collective."""
         if self.fluid_series is None:
@@ -397,4 +378,4 @@ class Recorder:
             else:
                 points, cells, J = now
                 series.write(state.t, points, cells, J, points - first[0])
-        self._write_stresses(state)
+        self.stresses.write(state)

@@ -14,6 +14,7 @@ from valvefsi.case.models import Case
 from valvefsi.diagnostics.valve_numbers import CycleNumbers, cycle_change, valve_numbers
 from valvefsi.diagnostics.valve_record import ValveRecord, ValveTest, fault, first_closed
 from valvefsi.io.history import read_history
+from valvefsi.recorded_stress import leaflet_peaks
 from valvefsi.units import MMHG
 
 ENDS = ("z_lower", "z_upper")
@@ -31,12 +32,21 @@ SANE = {
 
 
 def report_valve(case: Case, out: Path) -> dict[str, object]:
-    """Return the numbers of a valve between two circuits for ``summary.json``, and draw ``valve.png``.
+    """Return the numbers of a valve for ``summary.json``, and draw its pictures.
 
-    Empty for a case without a valve in a housing whose ends have circuits, and for a run that recorded too little.
+    Peaks of strain and stress in each leaflet, where the run has written frames; numbers of each cycle and
+    ``valve.png`` for a valve between two circuits. Empty for a case without a valve in a housing.
     """
-    if case.housing is None or case.housing.stent is None or not set(ENDS) <= set(connected(case)):
+    if case.housing is None or case.housing.stent is None:
         return {}
+    told = _numbers(case, out) if set(ENDS) <= set(connected(case)) else {}
+    leaflets = leaflet_peaks(out)
+    told |= {"leaflets": leaflets} if leaflets else {}
+    return {"valve": told} if told else {}
+
+
+def _numbers(case: Case, out: Path) -> dict[str, object]:
+    """The numbers of each cycle, with ``valve.png``; empty for a run that recorded too little."""
     history = {name: np.array(column) for name, column in read_history(Path(out) / "history.csv").items()}
     if len(history["t_s"]) < 3:
         return {}
@@ -44,17 +54,15 @@ def report_valve(case: Case, out: Path) -> dict[str, object]:
     begun = valve_numbers(record, test)
     if not begun:
         reason = f"the record ends before the first cycle starts, at {record.start:.6g} s"
-        return {"valve": {"cycles": [], "reasons": [reason]}}
+        return {"cycles": [], "reasons": [reason]}
     cycles = [c for k, c in enumerate(begun) if not fault(record, k)] or begun[-1:]
     change, why = cycle_change(record)
     _draw(case, out, record, cycles[-1])
     return {
-        "valve": {
-            "cycles": [_told(cycle) for cycle in cycles],
-            "change_between_cycles": change,
-            "reasons": sorted(set(why.values())),
-            "sane": _sane(case, history, cycles[-1].as_dict(), change),
-        }
+        "cycles": [_told(cycle) for cycle in cycles],
+        "change_between_cycles": change,
+        "reasons": sorted(set(why.values())),
+        "sane": _sane(case, history, cycles[-1].as_dict(), change),
     }
 
 

@@ -142,6 +142,10 @@ class Stress:
             raise CaseError("this body has no fibres", key="quantity", value="fibre_stretch")
         return {name: _quantity(name, F, P, fibre) for name in names}
 
+    def point_volumes(self) -> Array:
+        """Return the reference volume that each quadrature point stands for, ``(num_cells, num_points)``."""
+        return self._evaluate()[2] * self.weights
+
     def at_nodes(self, *names: str) -> dict[str, fem.Function]:
         """Return quantities as functions of first degree, by L2 projection.
 
