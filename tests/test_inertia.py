@@ -24,7 +24,7 @@ from valvefsi.errors import CaseError, StabilityError
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
-from valvefsi.geometry.shapes import rectangle
+from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.grid import MacGrid
 from valvefsi.io.history import read_history
 from valvefsi.planning import plan, step_limits
@@ -82,9 +82,10 @@ def march(model, state, dt, steps):
 
 
 def momentum(model, state):
-    h2 = model.grid.spacing[0] * model.grid.spacing[1]
-    fluid = [model.fluid.rho * h2 * c[model.grid.owned].sum() for c in state.u[:2]]
-    excess = model.heavy[0].momentum(state.twins[0])[:2]
+    grid = model.grid
+    cell = np.prod(grid.spacing[: grid.dim])
+    fluid = [model.fluid.rho * cell * c[grid.owned].sum() for c in state.u[: grid.dim]]
+    excess = model.heavy[0].momentum(state.twins[0])[: grid.dim]
     return WORLD.allreduce(np.array(fluid) + excess)
 
 
@@ -105,6 +106,26 @@ def test_a_heavy_body_thrown_into_fluid_at_rest_shares_its_momentum_with_it(elem
     np.testing.assert_allclose(momentum(model, state), before, rtol=1e-10)
     assert mean_shift(model, state)[0] > 0.1, "it flies on"
     assert model.heavy[0].lag(state.twins[0], state.chi[0]) < 1e-3
+
+
+def test_a_heavy_cube_keeps_the_momentum_of_both_in_three_dimensions():
+    mesh = box(WORLD, lower=(0.3,) * 3, size=(0.4,) * 3, elements=(4,) * 3)
+    solid = Structure(mesh, NeoHookean(c1=4.0), name="cube")
+    grid = MacGrid([0] * 3, [1] * 3, [12] * 3, [True] * 3)
+    fluid = NavierStokes(grid, Boundary(grid), rho=RHO, mu=0.05)
+    model, dt = Model(grid=grid, fluid=fluid, solids=(solid,), couplings=(Coupling(grid, "bspline3"),)), 4e-3
+    model = heavy(model)
+    u = grid.zero_faces()
+    for d, speed in enumerate((0.3, -0.2, 0.5)):
+        u[d][...] = speed
+    state = fsi.initial_state(model, dt, u=u)
+    before = ((HEAVY - RHO) * 0.4**3 + RHO) * np.array([0.3, -0.2, 0.5])
+    np.testing.assert_allclose(momentum(model, state), before, rtol=1e-12)
+    x, y, _ = grid.points(2)
+    u[2][...] += 0.5 * np.sin(2 * np.pi * x) * np.cos(2 * np.pi * y)
+    state = march(model, replace(state, u=fluid.fill(u, 0.0)), dt, 50)
+    np.testing.assert_allclose(momentum(model, state), before, rtol=1e-10)
+    assert WORLD.allreduce(np.ptp(state.twins[0].V[:, 2]), op=MPI.MAX) > 1e-3, "it is sheared"
 
 
 def test_a_slab_that_carries_the_fluid_along_swings_at_the_closed_frequency():
