@@ -119,7 +119,7 @@ WRONG = {
     "solid.block.material.c1='1 cm'": "solid.block.material.c1 = '1 cm': expected a quantity in dyn/cm^2",
     "solid.0.material={model = 'mooney_rivlin', c1 = 1}": "c2: this parameter of mooney_rivlin is required",
     "solid.block.mesh.lower=[-1, 15]": "the solid is outside the box",
-    "solid.block.mesh.lower=[0.9, 15]": "within the reach of bspline3 from a wall",
+    "fluid.sides.x_lower.type=open,solid.block.mesh.lower=[0.9, 15]": "within the reach of bspline3 from an open side",
     "solid.block.mesh.shape=box": "a box needs 3 entries",
     "solid.block.mesh={file = 'valv.msh'}": "'valv.msh': no such mesh file; did you mean 'valve.msh'?",
     "solid.block.mesh.file=valve.msh": "give file, shape or valve; both are given",
@@ -242,3 +242,10 @@ def test_the_schema_is_json():
     schema = json.loads(json.dumps(case_schema()))
     assert schema["type"] == "object"
     assert schema["additionalProperties"] is False
+
+
+def test_a_run_of_one_step_is_a_run(file):
+    overrides = ["time.dt_per_h=null", "time.dt='40 us'", "time.t_end='39.999999999999996 us'"]
+    assert load_case(file, overrides).dt == pytest.approx(4e-5)
+    with pytest.raises(CaseError, match=r"time\.t_end.*at least one time step"):
+        load_case(file, [*overrides[:2], "time.t_end='39 us'"])

@@ -53,7 +53,7 @@ def check_case(case: Case) -> None:
         _check_solid(case, solid, key)
     _check_housing(case)
     _check_output(case)
-    if case.dt > case.time.t_end:
+    if case.dt > case.time.t_end * (1 + 1e-9):
         raise CaseError(
             f"expected at least one time step, {case.dt:g} s", key="time.t_end", value=case.time.t_end
         )
@@ -233,13 +233,15 @@ def _check_tags(solid: Solid, key: str, tags: Collection[str]) -> None:
 def _check_place(
     case: Case, solid: Solid, box: tuple[Sequence[float], Sequence[float]], key: str, value: object
 ) -> None:
-    """Keep a solid inside the box, and as far from its walls and from graded cells as the kernel reaches."""
+    """Keep a solid inside the box, and as far from open sides and from graded cells as the kernel reaches."""
     grid, reach = case.grid, REACH[solid.kernel] * case.grid.spacing
     for axis in range(grid.dim):
         bounds, fine = grid.bounds[axis], grid.fine[axis]
         if case.fluid.sides.periodic(axis) and fine == bounds:
             continue
-        low, high = fine[0] + reach, fine[1] - reach
+        # Walls reflect the kernel; fluid that passes a side does not.
+        free = [fine[end] != bounds[end] or _opens(case, axis, end) for end in (0, 1)]
+        low, high = fine[0] + reach * free[0], fine[1] - reach * free[1]
         first, last = box[0][axis], box[1][axis]
         slack = 1e-12 * (high - low)
         if first < low - slack or last > high + slack:
@@ -247,7 +249,9 @@ def _check_place(
             if first < bounds[0] or last > bounds[1]:
                 what = "outside the box"
             else:
-                edge = "a wall" if fine == bounds else "cells that are not of the smallest width"
+                sides = [bounds[0] if first < low else None, bounds[1] if last > high else None]
+                opens = any(side in (fine[0], fine[1]) for side in sides)
+                edge = "an open side" if opens else "cells that are not of the smallest width"
                 what = f"within the reach of {solid.kernel} from {edge}"
             raise CaseError(
                 f"the solid is {what}: it spans {name} = {first:g} ... {last:g} cm, "
@@ -255,6 +259,11 @@ def _check_place(
                 key=key,
                 value=value,
             )
+
+
+def _opens(case: Case, axis: int, end: int) -> bool:
+    side = getattr(case.fluid.sides, f"{'xyz'[axis]}_{('lower', 'upper')[end]}")
+    return side.type not in ("wall", "free_slip")
 
 
 def _check_probes(solid: Solid, key: str, lower: Sequence[float], upper: Sequence[float]) -> None:
