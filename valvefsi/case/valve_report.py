@@ -11,12 +11,14 @@ import numpy as np
 from valvefsi.case.circuit_tables import CircuitTable
 from valvefsi.case.circulation import connected
 from valvefsi.case.models import Case
+from valvefsi.case.valve_views import draw_leaflets
 from valvefsi.diagnostics.valve_numbers import CycleNumbers, cycle_change, valve_numbers
 from valvefsi.diagnostics.valve_record import ValveRecord, ValveTest, fault, first_closed
 from valvefsi.io.history import read_history
 from valvefsi.recorded_stress import leaflet_peaks
 from valvefsi.units import MMHG
 
+History = dict[str, np.ndarray]
 ENDS = ("z_lower", "z_upper")
 """Sides upstream and downstream of a valve."""
 SANE = {
@@ -34,30 +36,56 @@ SANE = {
 def report_valve(case: Case, out: Path) -> dict[str, object]:
     """Return the numbers of a valve for ``summary.json``, and draw its pictures.
 
-    Peaks of strain and stress in each leaflet, where the run has written frames; numbers of each cycle and
-    ``valve.png`` for a valve between two circuits. Empty for a case without a valve in a housing.
+    Peaks of strain and stress in each leaflet, ``leaflets.png`` and ``free_edges.png``, where the run has written
+    frames; numbers of each cycle and ``valve.png`` for a valve between two circuits. Empty for a case without a
+    valve in a housing.
     """
-    if case.housing is None or case.housing.stent is None:
+    if not has_valve(case):
         return {}
-    told = _numbers(case, out) if set(ENDS) <= set(connected(case)) else {}
+    draw_valve(case, out, out)
+    found = _cycles(case, out)
+    told = {} if found is None else _numbers(case, *found)
     leaflets = leaflet_peaks(out)
     told |= {"leaflets": leaflets} if leaflets else {}
     return {"valve": told} if told else {}
 
 
-def _numbers(case: Case, out: Path) -> dict[str, object]:
-    """The numbers of each cycle, with ``valve.png``; empty for a run that recorded too little."""
+def has_valve(case: Case) -> bool:
+    """Whether a case has a valve in a housing."""
+    return case.housing is not None and case.housing.stent is not None
+
+
+def draw_valve(case: Case, folder: Path, out: Path) -> list[Path]:
+    """Draw the pictures of a valve that a run in a folder allows; the leaflets in its last whole cycle."""
+    made, window, found = [], None, _cycles(case, folder)
+    if found is not None and found[2]:
+        _, record, cycles = found
+        made.append(_draw(case, out, record, cycles[-1]))
+        if cycles[-1].net_volume is not None:
+            window = cycles[-1].start, cycles[-1].start + record.period
+    return made + draw_leaflets(case, folder, out, window)
+
+
+def _cycles(case: Case, out: Path) -> tuple[History, ValveRecord, list[CycleNumbers]] | None:
+    """The history of a run, its record and its whole cycles, or the one begun last; None where there is no record."""
+    if not set(ENDS) <= set(connected(case)):
+        return None
     history = {name: np.array(column) for name, column in read_history(Path(out) / "history.csv").items()}
     if len(history["t_s"]) < 3:
-        return {}
-    record, test = _record(case, history), _test(case)
-    begun = valve_numbers(record, test)
-    if not begun:
+        return None
+    record = _record(case, history)
+    begun = valve_numbers(record, _test(case))
+    return history, record, [c for k, c in enumerate(begun) if not fault(record, k)] or begun[-1:]
+
+
+def _numbers(
+    case: Case, history: History, record: ValveRecord, cycles: list[CycleNumbers]
+) -> dict[str, object]:
+    """The numbers of each cycle, and how they compare with what is sane."""
+    if not cycles:
         reason = f"the record ends before the first cycle starts, at {record.start:.6g} s"
         return {"cycles": [], "reasons": [reason]}
-    cycles = [c for k, c in enumerate(begun) if not fault(record, k)] or begun[-1:]
     change, why = cycle_change(record)
-    _draw(case, out, record, cycles[-1])
     return {
         "cycles": [_told(cycle) for cycle in cycles],
         "change_between_cycles": change,
@@ -80,7 +108,7 @@ def _circuits(case: Case) -> list[CircuitTable]:
     return [next(c for c in case.circuit if c.name == connected(case)[end]) for end in ENDS]
 
 
-def _record(case: Case, history: dict[str, np.ndarray]) -> ValveRecord:
+def _record(case: Case, history: History) -> ValveRecord:
     """Pressures, flow and area; cycles start where the case says, or in the first closed phase."""
     pump = _circuits(case)[0].pump
     record = ValveRecord(
@@ -101,7 +129,7 @@ def _test(case: Case) -> ValveTest:
 
 
 def _sane(
-    case: Case, history: dict[str, np.ndarray], cycle: dict[str, object], change: dict[str, float | None]
+    case: Case, history: History, cycle: dict[str, object], change: dict[str, float | None]
 ) -> dict[str, object]:
     """Compare the last cycle with what is sane; None where there is no number."""
     forward, name = cycle["forward_volume"], case.housing.stent
@@ -136,10 +164,10 @@ def _sane(
     }
 
 
-def _draw(case: Case, out: Path, record: ValveRecord, cycle: CycleNumbers) -> None:
+def _draw(case: Case, out: Path, record: ValveRecord, cycle: CycleNumbers) -> Path:
     from valvefsi.io.valve_waveform_plots import valve_waveforms
 
     waves = {"t": record.t, "p_lv": record.p_lv, "p_ao": record.p_ao, "q": record.q, "pdva": record.pdva}
     if cycle.forward_start is not None:
         waves["forward"] = np.array([[cycle.start + cycle.forward_start, cycle.start + cycle.forward_end]])
-    valve_waveforms(Path(out) / "valve.png", waves, title=case.title)
+    return valve_waveforms(Path(out) / "valve.png", waves, title=case.title)

@@ -47,6 +47,8 @@ def plot(
     if MPI.COMM_WORLD.rank != 0:
         return
     made = draw_folder(folder, out if out is not None else folder, field=field, t=t)
+    if field is None and t is None:
+        made = [*made, *_draw_valve(folder, out if out is not None else folder)]
     if not can_render() and made:
         typer.echo("pyvista or EGL is missing: bodies in space are drawn by matplotlib")
     for path in made:
@@ -59,6 +61,22 @@ def _is_of_fluid(folder: Path, field: str | None) -> bool:
 
     known = {*DERIVED, "pressure", "mean_pressure", "turbulence_kinetic_energy"}
     return field in known and (folder / "paraview" / "fluid.pvd").is_file()
+
+
+def _draw_valve(folder: Path, out: Path) -> list[Path]:
+    """Draw the pictures of a run's valve, if it has one; a folder without a case has none."""
+    if not (folder / "case.toml").is_file():
+        return []
+    from valvefsi.case import load_case
+    from valvefsi.case.valve_report import draw_valve, has_valve
+    from valvefsi.errors import CaseError
+
+    try:
+        case = load_case(folder / "case.toml")
+        return draw_valve(case, folder, out) if has_valve(case) else []
+    except CaseError as error:
+        typer.echo(f"no pictures of a valve: {error}", err=True)
+        return []
 
 
 def _draw_fibres(case_file: Path, out: Path) -> None:

@@ -67,7 +67,10 @@ def times_of(series: Path) -> list[tuple[float, Path]]:
 def _is_complete(path: Path) -> bool:
     """Return whether a file and all the pieces it names are there to their ends."""
     try:
-        pieces = [path.parent / piece.get("Source") for piece in ET.parse(path).getroot().iter("Piece")]
+        sources = [piece.get("Source") for piece in ET.parse(path).getroot().iter("Piece")]
+        pieces = (
+            [path.parent / name for name in sources] if all(sources) else [path]
+        )  # a solid's has all of it
         for piece in pieces:
             with piece.open("rb") as file:
                 file.seek(-min(len(END) + 8, piece.stat().st_size), 2)

@@ -145,13 +145,14 @@ def valve_end_views(
         grid = np.ravel(figure.subplots(down, across, squeeze=False))
         for axes in grid:
             axes.set_axis_off()
+        reach = 1.02 * max(float(np.abs(np.asarray(view["xyz"])[:, :2]).max(initial=0.0)) for view in views)
         for axes, view in zip(grid, views, strict=False):
-            _end_view(axes, view, radius)
+            _end_view(axes, view, radius, max(reach, 1.1 * radius))
         headings_at(figure, 0.03, title, caption)
         return saved(figure, path)
 
 
-def _end_view(axes: Axes, view: Mapping[str, NDArray], radius: float) -> None:
+def _end_view(axes: Axes, view: Mapping[str, NDArray], radius: float, reach: float) -> None:
     """Draw one moment: orifice, leaflets from the farthest triangle to the nearest, free edges, ring."""
     xyz, triangles = np.asarray(view["xyz"]), np.asarray(view["triangles"], dtype=int).reshape(-1, 3)
     axes.add_patch(Circle((0, 0), radius, facecolor=LUMEN, edgecolor="none", zorder=1))
@@ -173,11 +174,11 @@ def _end_view(axes: Axes, view: Mapping[str, NDArray], radius: float) -> None:
             )
     axes.add_patch(Circle((0, 0), 1.035 * radius, fill=False, edgecolor=RING, linewidth=5, zorder=4))
     axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=MUTED, linewidth=0.8, zorder=5))
-    axes.set(xlim=(-1.1 * radius, 1.1 * radius), ylim=(-1.34 * radius, 1.1 * radius), aspect="equal")
+    axes.set(xlim=(-reach, reach), ylim=(-1.22 * reach, reach), aspect="equal")
     text = [f"t = {float(view['t']):.3f} s"] if "t" in view else []
     if "open_area" in view:
         text.append(f"{float(view['open_area']):.2f} cm$^2$")
-    axes.text(0, -1.16 * radius, "   ".join(text), ha="center", va="top", fontsize=9)
+    axes.text(0, -1.05 * reach, "   ".join(text), ha="center", va="top", fontsize=9)
 
 
 def _lit(corners: NDArray, owner: NDArray) -> NDArray:

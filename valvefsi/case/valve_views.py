@@ -1,0 +1,163 @@
+"""Pictures of the leaflets of a run end on and of their free edges, from its frames (as Figures S14 and S15)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from valvefsi.case.models import Case
+from valvefsi.case.valve import moved
+from valvefsi.diagnostics.projected_area import end_view, projected_area
+from valvefsi.diagnostics.surfaces import surface_triangles
+from valvefsi.errors import CaseError
+from valvefsi.geometry.valve import ValveMesh, mesh_valve
+from valvefsi.grid import Array
+from valvefsi.io.grid_files import times_of
+from valvefsi.io.solid_body import Body, read_body
+
+AXIS, CENTRE = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+MOMENTS = 8
+"""Views in the picture."""
+STILL = 0.25
+"""How much of the choice of moments goes by time, the rest goes by the change of the open area."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leaflets:
+    """The leaflets of a run at its frames.
+
+    Attributes:
+        t: Times, ``(m,)`` [s].
+        points: Nodes end on: to the right, upwards, towards the viewer, ``(m, n, 3)`` [cm].
+        triangles: Corners of their surface, ``(k, 3)``.
+        owner: Number of each triangle's leaflet from 0, ``(k,)``.
+        ends: Nodes at both sides of the leaflet whose middles are the ends of the pieces of the free edges,
+            ``(pieces, 2, 2)``.
+        leaflet: Number of each piece's leaflet from 0, ``(pieces,)``.
+        area: Projected open area, ``(m,)`` [cm^2].
+    """
+
+    t: Array
+    points: Array
+    triangles: Array
+    owner: Array
+    ends: Array
+    leaflet: Array
+    area: Array
+
+    def edges(self, k: int) -> Array:
+        """Ends of the pieces of the free edges at a frame, ``(pieces, 2, 3)`` [cm]."""
+        return self.points[k][self.ends].mean(axis=2)
+
+    def middles(self) -> Array:
+        """How far the middle of each free edge is from the axis, negative beyond it, ``(m, 3)`` [cm]."""
+        found, first = np.empty((len(self.t), 3)), self.edges(0)
+        for number in range(3):
+            mine = np.flatnonzero(self.leaflet == number)
+            xy = first[mine][..., :2].reshape(-1, 2)
+            way = xy.mean(axis=0) / np.linalg.norm(xy.mean(axis=0))
+            node = int(np.argmin(np.abs(xy @ np.array([-way[1], way[0]]))))
+            for k in range(len(self.t)):
+                found[k, number] = self.edges(k)[mine][..., :2].reshape(-1, 2)[node] @ way
+        return found
+
+
+def draw_leaflets(
+    case: Case, folder: Path, out: Path, window: tuple[float, float] | None = None
+) -> list[Path]:
+    """Draw ``leaflets.png``, end views, and ``free_edges.png``; nothing for a run with fewer than two frames.
+
+    Args:
+        case: A case with a valve in a housing.
+        folder: Folder of the run.
+        out: Folder of the pictures.
+        window: First and last time, such as those of a cycle; the whole run if None [s].
+    """
+    from valvefsi.io.free_edge_plots import free_edges
+    from valvefsi.io.valve_waveform_plots import valve_end_views
+
+    if not (Path(folder) / "paraview" / f"{case.housing.stent}.pvd").is_file():
+        return []
+    run = read_leaflets(case, folder, window)
+    if len(run.t) < 2:
+        return []
+    radius = 0.5 * _shape(case).diameter
+    views = [
+        {"xyz": np.concatenate([run.points[k], run.edges(k).reshape(-1, 3)]), "t": run.t[k]}
+        | {"triangles": run.triangles, "owner": run.owner, "open_area": run.area[k]}
+        | {"free_edges": len(run.points[k]) + np.arange(2 * len(run.ends)).reshape(-1, 2)}
+        for k in moments(run.t, run.area)
+    ]
+    edges = {"t": run.t, "middles": run.middles(), "top": int(np.argmax(run.area))}
+    edges["pieces"] = np.stack([run.edges(k)[..., :2] for k in range(len(run.t))])
+    told, out = {"radius": radius, "title": case.title}, Path(out)
+    seen = "leaflets from downstream; what is dark is open"
+    return [
+        valve_end_views(out / "leaflets.png", views, caption=seen, **told),
+        free_edges(out / "free_edges.png", edges, caption="free edges from downstream", **told),
+    ]
+
+
+def moments(t: Array, area: Array, count: int = MOMENTS) -> Array:
+    """Choose frames evenly along the change of the open area, and a little along time."""
+    if len(t) <= count:
+        return np.arange(len(t))
+    change = np.abs(np.diff(area))
+    way = STILL * np.diff(t) / (t[-1] - t[0]) + (1.0 - STILL) * change / max(change.sum(), 1e-300)
+    along = np.concatenate([[0.0], np.cumsum(way)])
+    chosen: list[int] = []
+    for k, goal in enumerate(np.linspace(0.0, along[-1], count)):
+        first = chosen[-1] + 1 if chosen else 0
+        last = len(t) - (count - k) + 1
+        chosen.append(first + int(np.abs(along[first:last] - goal).argmin()))
+    return np.array(chosen)
+
+
+def read_leaflets(case: Case, folder: Path, window: tuple[float, float] | None = None) -> Leaflets:
+    """Read the leaflets of a run from its frames.
+
+    Raises:
+        CaseError: The frames are not of the case's valve.
+    """
+    series = Path(folder) / "paraview" / f"{case.housing.stent}.pvd"
+    low, high = window or (-np.inf, np.inf)
+    found = [(t, path) for t, path in times_of(series) if low - 1e-9 <= t <= high + 1e-9]
+    bodies = [read_body(path) for _, path in found]
+    if not bodies:
+        none = np.zeros((0, 3))
+        return Leaflets(t=none, points=none, triangles=none, owner=none, ends=none, leaflet=none, area=none)
+    shape = _shape(case)
+    made = moved(
+        mesh_valve(shape.geometry(), size=shape.ratio * case.grid.spacing, layers=shape.layers), shape.base
+    )
+    node = _nodes(made, bodies[0], series)
+    triangles = np.concatenate([surface_triangles(kind, cells) for kind, cells in bodies[0].cells.items()])
+    of_node = cKDTree(made.points).query(bodies[0].reference)[1] * 3 // len(made.points)
+    edge = {"radius": 0.5 * shape.diameter, "axis": AXIS, "centre": CENTRE, "rows": 128}
+    free = made.facets["free"]
+    return Leaflets(
+        t=np.array([t for t, _ in found]),
+        points=np.stack([end_view(body.points, AXIS, CENTRE) for body in bodies]),
+        triangles=triangles,
+        owner=of_node[triangles[:, 0]],
+        ends=node[np.stack([free[:, [0, 1]], free[:, [3, 2]]], axis=1)],
+        leaflet=free[:, 0] * 3 // len(made.points),
+        area=np.array([projected_area(body.points, triangles, **edge).open_area for body in bodies]),
+    )
+
+
+def _shape(case: Case) -> object:
+    return next(solid.mesh.valve for solid in case.solid if solid.name == case.housing.stent)
+
+
+def _nodes(made: ValveMesh, body: Body, series: Path) -> Array:
+    """Return the node of a frame at each node of a valve's mesh."""
+    reference = body.reference if body.reference is not None else body.points
+    distance, node = cKDTree(reference).query(made.points)
+    edge = np.linalg.norm(made.points[made.cells[:, 0]] - made.points[made.cells[:, 1]], axis=1).min()
+    if distance.max() > 0.01 * edge:
+        raise CaseError("these frames are not of the case's valve", file=series)
+    return node
