@@ -13,7 +13,12 @@ ROOT = Path(__file__).parents[1]
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
 CASES = sorted((ROOT / "demos").glob("*.toml"))
 
-LONG = {"pericardial_valve": "0.06 ms"}
+LONG = {
+    "pericardial_valve": "0.06 ms",
+    "pericardial_valve_bovine": "0.02 ms",
+    "pericardial_valve_pressures": "0.02 ms",
+    "pericardial_valve_steady": "0.02 ms",
+}
 """Ends of runs that take too long for a second of simulated time."""
 
 pytestmark = pytest.mark.serial

@@ -130,3 +130,26 @@ def test_every_cycle_counts_from_its_own_start():
     first, second = valve_numbers(given, SALINE)
     assert second.start == pytest.approx(PERIOD)
     assert second.forward_start == pytest.approx(first.forward_start, abs=PERIOD / 3000)
+
+
+def test_sections_stand_in_for_circuits(tmp_path):
+    given = shifted(0.5, cycles=1.0, samples=1000)
+    columns = {
+        "t_s": given.t,
+        "pressure_upstream_dyn_per_cm2": given.p_lv,
+        "pressure_downstream_dyn_per_cm2": given.p_ao,
+        "flow_upstream_cm3_per_s": given.q,
+        "flow_downstream_cm3_per_s": given.q,
+        "pdva_cm2": given.pdva,
+        "leaflets_volume_change_percent": 0.0 * given.t,
+    }
+    table = np.stack(list(columns.values()), axis=1)
+    np.savetxt(tmp_path / "history.csv", table, delimiter=",", header=",".join(columns), comments="")
+    folder = DEMO.parent
+    between = load_case(folder / "pericardial_valve_pressures.toml", [f"time.t_end='{PERIOD} s'"])
+    told = report_valve(between, tmp_path)["valve"]
+    expected = cycle_numbers(given, SALINE).in_lab_units()
+    for name in ("forward_volume_ml", "mean_pressure_difference_mmHg", "closing_start_ms"):
+        assert told["cycles"][0][name] == pytest.approx(expected[name], rel=1e-5)
+    assert "mean aortic pressure" not in told["sane"]
+    assert report_valve(load_case(folder / "pericardial_valve_steady.toml"), tmp_path) == {}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from valvefsi.case.circuit_tables import CircuitTable
+from valvefsi.case.circuit_tables import CircuitTable, Pump
 from valvefsi.case.circulation import connected
 from valvefsi.case.models import Case
 from valvefsi.case.valve_views import draw_leaflets
@@ -21,6 +21,8 @@ from valvefsi.units import MMHG
 History = dict[str, np.ndarray]
 ENDS = ("z_lower", "z_upper")
 """Sides upstream and downstream of a valve."""
+SECTIONS = ("upstream", "downstream")
+"""Names of the sections that stand in for circuits there."""
 SANE = {
     "mean difference": (2.0, 20.0, "mmHg"),
     "closing volume": (0.0, 10.0, "% of stroke volume"),
@@ -37,8 +39,8 @@ def report_valve(case: Case, out: Path) -> dict[str, object]:
     """Return the numbers of a valve for ``summary.json``, and draw its pictures.
 
     Peaks of strain and stress in each leaflet, ``leaflets.png`` and ``free_edges.png``, where the run has written
-    frames; numbers of each cycle and ``valve.png`` for a valve between two circuits. Empty for a case without a
-    valve in a housing.
+    frames; numbers of each cycle and ``valve.png`` for a valve between two circuits, or two sections that are called
+    upstream and downstream. Empty for a case without a valve in a housing.
     """
     if not has_valve(case):
         return {}
@@ -68,7 +70,7 @@ def draw_valve(case: Case, folder: Path, out: Path) -> list[Path]:
 
 def _cycles(case: Case, out: Path) -> tuple[History, ValveRecord, list[CycleNumbers]] | None:
     """The history of a run, its record and its whole cycles, or the one begun last; None where there is no record."""
-    if not set(ENDS) <= set(connected(case)):
+    if _waves(case) is None:
         return None
     history = {name: np.array(column) for name, column in read_history(Path(out) / "history.csv").items()}
     if len(history["t_s"]) < 3:
@@ -103,19 +105,30 @@ def _told(cycle: CycleNumbers) -> dict[str, object]:
     return known | ({"missing": missing} if missing else {})
 
 
-def _circuits(case: Case) -> list[CircuitTable]:
-    """The circuits upstream and downstream of the valve."""
-    return [next(c for c in case.circuit if c.name == connected(case)[end]) for end in ENDS]
+def _circuit(case: Case, end: int) -> CircuitTable | None:
+    """The circuit upstream (0) or downstream (1) of the valve, None without one."""
+    name = connected(case).get(ENDS[end])
+    return next((circuit for circuit in case.circuit if circuit.name == name), None)
+
+
+def _waves(case: Case) -> dict[str, tuple[str, float]] | None:
+    """Column and unit of the pressures and the flow: at the circuits, or at sections; None without either."""
+    if set(ENDS) <= set(connected(case)):
+        pressures = {"p_lv": (f"p_{ENDS[0]}_mmHg", MMHG), "p_ao": (f"p_{ENDS[1]}_mmHg", MMHG)}
+        return pressures | {"q": (f"q_{ENDS[1]}_ml_s", 1.0)}
+    if set(SECTIONS) <= {section.name for section in case.output.section}:
+        p_lv, p_ao = ((f"pressure_{name}_dyn_per_cm2", 1.0) for name in SECTIONS)
+        return {"p_lv": p_lv, "p_ao": p_ao, "q": (f"flow_{SECTIONS[1]}_cm3_per_s", 1.0)}
+    return None
 
 
 def _record(case: Case, history: History) -> ValveRecord:
     """Pressures, flow and area; cycles start where the case says, or in the first closed phase."""
-    pump = _circuits(case)[0].pump
+    drive = _circuit(case, 0)
+    pump = drive.pump if drive is not None else Pump()
     record = ValveRecord(
         t=history["t_s"],
-        p_lv=history[f"p_{ENDS[0]}_mmHg"] * MMHG,
-        p_ao=history[f"p_{ENDS[1]}_mmHg"] * MMHG,
-        q=history[f"q_{ENDS[1]}_ml_s"],
+        **{name: history[column] * unit for name, (column, unit) in _waves(case).items()},
         pdva=history["pdva_cm2"],
         period=pump.period or case.time.t_end,
     )
@@ -149,9 +162,9 @@ def _sane(
     }
     if None not in change.values():
         values["change between cycles"] = 100.0 * max(change.values())
-    target = _circuits(case)[1].target_pressure
-    if target is not None:
-        values["mean aortic pressure"] = part(cycle["mean_aortic_pressure"], target)
+    outlet = _circuit(case, 1)
+    if outlet is not None and outlet.target_pressure is not None:
+        values["mean aortic pressure"] = part(cycle["mean_aortic_pressure"], outlet.target_pressure)
     return {
         key: {
             "value": value,
