@@ -119,7 +119,6 @@ WRONG = {
     "solid.block.material.c1='1 cm'": "solid.block.material.c1 = '1 cm': expected a quantity in dyn/cm^2",
     "solid.0.material={model = 'mooney_rivlin', c1 = 1}": "c2: this parameter of mooney_rivlin is required",
     "solid.block.mesh.lower=[-1, 15]": "the solid is outside the box",
-    "fluid.sides.x_lower.type=open,solid.block.mesh.lower=[0.9, 15]": "within the reach of bspline3 from an open side",
     "solid.block.mesh.shape=box": "a box needs 3 entries",
     "solid.block.mesh={file = 'valv.msh'}": "'valv.msh': no such mesh file; did you mean 'valve.msh'?",
     "solid.block.mesh.file=valve.msh": "give file, shape or valve; both are given",
@@ -142,6 +141,13 @@ def test_what_is_wrong_is_said_in_one_line(file, override):
         assert "expected a list" in message(file, override)
     else:
         assert WRONG[override] in message(file, override)
+
+
+def test_solids_may_touch_walls_and_not_come_near_open_sides(file):
+    near = "solid.block.mesh.lower=[0, 15]"
+    assert load_case(file, overrides=[near]).solid[0].mesh.lower == (0.0, 15.0)
+    found = message(file, near, "fluid.sides.x_lower={type = 'open'}")
+    assert "within the reach of bspline3 from an open side: it spans x = 0 ... 20 cm" in found
 
 
 def test_an_error_in_the_file_names_the_file(file):

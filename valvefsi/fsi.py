@@ -178,7 +178,7 @@ def step(model: Model, s: State, dt: float) -> State:
         State at t + dt.
 
     Raises:
-        StabilityError: A node is lost or within its kernel's reach of a wall.
+        StabilityError: A node has left the box or is within its kernel's reach of an open side.
 
     Note:
         Collective. Second order in time, first order with a circulation; the velocity is solenoidal to round-off.
@@ -191,6 +191,7 @@ def step(model: Model, s: State, dt: float) -> State:
     F = [solid.force(*at, s.t + 0.5 * dt) for solid, *at in zip(model.solids, chi_half, U, strict=True)]
     twins = []
     for body, twin in zip(model.heavy, s.twins, strict=True):
+        twin = body.adapted(twin, s.chi[body.solid], dt / s.dt)
         pull = body.pull(twin, chi_half[body.solid], U[body.solid], dt)
         F[body.solid] += pull
         twins.append(body.moved(twin, pull, dt))

@@ -116,7 +116,7 @@ def model_of(
     sides = Boundary(grid, {"y_upper": Wall(velocity=lid)})
     fluid = NavierStokes(grid, sides, rho=values["rho"], mu=values["mu"])
     return fsi.Model(
-        grid=grid, fluid=fluid, solids=(solid,), couplings=(couple(grid, solid, numerics),)
+        grid=grid, fluid=fluid, solids=(solid,), couplings=(couple(fluid, solid, numerics),)
     ), solid
 
 

@@ -73,24 +73,21 @@ class Problem:
     quantities: Callable[[Mapping[str, np.ndarray], Mapping[str, float]], dict[str, float]]
 
 
-def couple(grid: MacGrid, solid: Structure, numerics: Numerics) -> Coupling | ElementalCoupling:
+def couple(fluid: NavierStokes, solid: Structure, numerics: Numerics) -> Coupling | ElementalCoupling:
     """Return the coupling that the numerics ask for (collective)."""
+    grid, signs = fluid.grid, fluid.boundary.signs
     if numerics.coupling == "nodal":
-        return Coupling(grid, numerics.kernel)
+        return Coupling(grid, numerics.kernel, signs)
     mass = "lumped" if numerics.coupling == "lumped" else "consistent"
-    return ElementalCoupling(grid, numerics.kernel, ElementPoints(solid, mass))
+    return ElementalCoupling(grid, numerics.kernel, ElementPoints(solid, mass), signs=signs)
 
 
 def immersed_model(
     grid: MacGrid, boundary: Boundary, solid: Structure, numerics: Numerics, fluid: Mapping[str, float]
 ) -> Model:
     """Return the model of one solid in one box; ``fluid`` holds rho and mu (collective)."""
-    return Model(
-        grid=grid,
-        fluid=NavierStokes(grid, boundary, rho=fluid["rho"], mu=fluid["mu"]),
-        solids=(solid,),
-        couplings=(couple(grid, solid, numerics),),
-    )
+    flow = NavierStokes(grid, boundary, rho=fluid["rho"], mu=fluid["mu"])
+    return Model(grid=grid, fluid=flow, solids=(solid,), couplings=(couple(flow, solid, numerics),))
 
 
 def run_kept(

@@ -188,7 +188,7 @@ def shell_at_rest(numerics: Numerics, values: Mapping[str, float], comm: MPI.Com
         mesh, FibreTension(), nu_stab=None, discretisation=Discretisation(kernel=numerics.kernel)
     )
     grid, fluid = _box(n, values, comm)
-    model = fsi.Model(grid=grid, fluid=fluid, solids=(solid,), couplings=(couple(grid, solid, numerics),))
+    model = fsi.Model(grid=grid, fluid=fluid, solids=(solid,), couplings=(couple(fluid, solid, numerics),))
     state = _relax(model, n, values)
     r, p = _in_cells(grid, state)
     error = np.abs(p - exact_pressure(r, radius, wall))

@@ -23,6 +23,7 @@ from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.diagnostics import Section
 from valvefsi.errors import CaseError
+from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
 from valvefsi.geometry import mesh as meshes
 from valvefsi.geometry import shapes
@@ -56,7 +57,7 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
     grid = build_grid(case, comm)
     fluid = build_fluid(case, grid)
     solids = tuple(build_solid(case, number, comm) for number in range(len(case.solid)))
-    couplings = tuple(_coupling(grid, *pair) for pair in zip(case.solid, solids, strict=True))
+    couplings = tuple(_coupling(fluid, *pair) for pair in zip(case.solid, solids, strict=True))
     rigid, transfers = build_rigid(case, grid)
     model = Model(
         grid=grid,
@@ -71,10 +72,12 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
     return Simulation(model, _schedule(case), _output(case, out, grid))
 
 
-def _coupling(grid: MacGrid, given: Solid, solid: Structure) -> Coupling | ElementalCoupling:
+def _coupling(fluid: NavierStokes, given: Solid, solid: Structure) -> Coupling | ElementalCoupling:
+    grid, signs = fluid.grid, fluid.boundary.signs
     if given.coupling == "nodal":
-        return Coupling(grid, given.kernel)
-    return ElementalCoupling(grid, given.kernel, ElementPoints(solid, given.mass), given.point_gap)
+        return Coupling(grid, given.kernel, signs)
+    points = ElementPoints(solid, given.mass)
+    return ElementalCoupling(grid, given.kernel, points, given.point_gap, signs)
 
 
 def _heavy(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from valvefsi.coupling.mirrors import Signs
 from valvefsi.coupling.transfer import Coupling, Transfer
 from valvefsi.errors import StabilityError, raise_together
 from valvefsi.grid import Array, Faces, MacGrid
@@ -49,6 +50,7 @@ class ElementalCoupling:
         kernel: Name of the kernel, see `valvefsi.coupling.kernels.KERNELS`.
         points: The body's quadrature points.
         gap: Largest gap between neighbouring points, in grid spacings.
+        signs: How the fluid's velocity is reflected about sides, as in `valvefsi.coupling.transfer.Coupling`.
 
     Raises:
         ValueError: The kernel is not known, or the gap is not positive.
@@ -57,10 +59,12 @@ class ElementalCoupling:
     nodal = False
     """Whether the nodes themselves are the points."""
 
-    def __init__(self, grid: MacGrid, kernel: str, points: Points, gap: float = GAP) -> None:
+    def __init__(
+        self, grid: MacGrid, kernel: str, points: Points, gap: float = GAP, signs: Signs | None = None
+    ) -> None:
         if not gap > 0.0:
             raise ValueError(f"the largest gap must be positive, got {gap}")
-        self.inner = Coupling(grid, kernel)
+        self.inner = Coupling(grid, kernel, signs)
         self.grid, self.name, self.kind, self.reach = grid, kernel, self.inner.kind, self.inner.reach
         self.points, self.gap = points, gap * float(min(grid.spacing[: grid.dim]))
 
@@ -71,7 +75,7 @@ class ElementalCoupling:
             chi: Positions of this rank's nodes, ``(num_nodes, 3)`` [cm].
 
         Raises:
-            StabilityError: An element is too large for any rule, or a point is lost or too near to a side.
+            StabilityError: An element is too large for any rule, or a point is lost or too near to an open side.
 
         Note:
             Collective.
@@ -105,7 +109,7 @@ class ElementalTransfer:
             Force density on the owned faces, one local array per axis [dyn/cm^3].
 
         Note:
-            Collective. Keeps the total force, and with the consistent mass the torque.
+            Collective. Away from sides it keeps the total force, and with the consistent mass the torque.
         """
         return self.transfer.spread(self.rule.lift(F), out)
 

@@ -2,14 +2,15 @@
 
 Points are sent to the rank that owns their cell; there the kernel reaches into ghost layers at most. Spreading
 adds into ghosts and sums them home, interpolation reads filled ghosts, both with one set of weights: the two are
-adjoint by construction.
+adjoint by construction. Beyond a side whose velocity is given both use its mirror image, see
+`valvefsi.coupling.mirrors`: near it, part of the force is the side's to bear.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from valvefsi.coupling import kernels
+from valvefsi.coupling import kernels, mirrors
 from valvefsi.errors import StabilityError
 from valvefsi.grid import Array, Faces, MacGrid
 
@@ -20,6 +21,8 @@ class Coupling:
     Args:
         grid: The grid.
         kernel: Name of the kernel, see `valvefsi.coupling.kernels.KERNELS`.
+        signs: How the fluid's velocity is reflected about sides, from `valvefsi.fluid.boundary.Boundary.signs`;
+            moving points may come up to these, and to within the kernel's reach of all others.
 
     Raises:
         ValueError: The kernel is not known.
@@ -28,7 +31,7 @@ class Coupling:
     nodal = True
     """Whether the nodes themselves are the points."""
 
-    def __init__(self, grid: MacGrid, kernel: str) -> None:
+    def __init__(self, grid: MacGrid, kernel: str, signs: mirrors.Signs | None = None) -> None:
         if kernel not in kernels.KERNELS:
             raise ValueError(f"unknown kernel {kernel!r}, a kernel is one of {', '.join(kernels.KERNELS)}")
         self.grid, self.name = grid, kernel
@@ -52,6 +55,12 @@ class Coupling:
         at_side = np.isclose(fine, np.array([grid.lower[:dim], grid.upper[:dim]]).T, rtol=0.0, atol=1e-9)
         nearer = 0.5 * grid.spacing[:dim, None] * at_side
         self.low_rigid, self.high_rigid = self.low - nearer[:, 0], self.high + nearer[:, 1]
+        # A moving point within the margin of a side that reflects needs its mirror image.
+        self.signs = {side: sign for side, sign in (signs or {}).items() if at_side[side[0], int(side[1])]}
+        self.inner_low, self.inner_high = self.low.copy(), self.high.copy()
+        for axis, upper in self.signs:
+            ends, side = (self.high, grid.upper) if upper else (self.low, grid.lower)
+            ends[axis] = side[axis]
 
     def at(self, chi: Array) -> Transfer:
         """Prepare spreading and interpolation for points at chi.
@@ -60,8 +69,8 @@ class Coupling:
             chi: Positions of this rank's points, ``(num_points, 3)`` [cm].
 
         Raises:
-            StabilityError: A point is not finite, or lies within the kernel's reach of a side that is not periodic
-                or of cells that are larger than the smallest.
+            StabilityError: A point is not finite or outside the box, or lies within the kernel's reach of an open
+                side or of cells that are larger than the smallest.
 
         Note:
             Collective.
@@ -71,16 +80,29 @@ class Coupling:
 
     def _check(self, chi: Array, low: Array, high: Array) -> tuple[Array | None, str | None]:
         """Return the places of points in the box, or what is wrong with them."""
-        place = chi[:, : self.grid.dim]
-        slack = 1e-9 * self.grid.spacing[0]
+        grid = self.grid
+        place = chi[:, : grid.dim]
+        slack = 1e-9 * grid.spacing[0]
         inside = (place >= low - slack) & (place <= high + slack) & np.isfinite(place)
         if inside.all():
             return self._wrap(place), None
         worst = place[~inside.all(axis=1)][0]
-        return None, (
-            f"a point of the solid at {np.array2string(worst, precision=4)} cm is lost or within "
-            f"{self.reach:g} spacings of a side or of graded cells (kernel {self.name})"
-        )
+        solid = ~np.array(grid.periodic[: grid.dim])
+        outside = (worst < grid.lower[: grid.dim] - slack) | (worst > grid.upper[: grid.dim] + slack)
+        if not np.isfinite(worst).all() or (outside & solid).any():
+            what = "is lost, outside the box"
+        else:
+            what = (
+                f"is within {self.reach:g} spacings of an open side or of graded cells (kernel {self.name})"
+            )
+        return None, f"a point of the solid at {np.array2string(worst, precision=4)} cm {what}"
+
+    def sides_near(self, place: Array) -> list[mirrors.Side]:
+        """Return the sides that reflect and that the kernel of a point on this rank reaches beyond."""
+        if not self.signs or not len(place):
+            return []
+        low, high = place.min(axis=0) < self.inner_low, place.max(axis=0) > self.inner_high
+        return [(axis, upper) for axis, upper in self.signs if (high if upper else low)[axis]]
 
     def own(self, points: Array) -> np.ndarray:
         """Return the numbers of the points, the same on all ranks, that lie in this rank's cells, ``(n,)``."""
@@ -138,6 +160,7 @@ class Transfer:
         if failed:
             raise StabilityError(_first_problem(comm, problem))
         x = self.route.send(place) if self.route else place
+        self.sides = coupling.sides_near(x) if moving else []
         points = max(coupling.kind[1:])
         self.base = np.empty((3, 2, len(x)), dtype=np.intp)
         self.weights = np.empty((3, 2, len(x), points))
@@ -156,7 +179,7 @@ class Transfer:
             Force density on the owned faces, one local array per axis [dyn/cm^3].
 
         Note:
-            Collective. Keeps the total force to round-off.
+            Collective. Keeps the total force to round-off, but for what a side near by bears.
         """
         grid = self.coupling.grid
         out = grid.zero_faces() if out is None else out
@@ -164,6 +187,8 @@ class Transfer:
         F = self.route.send(F) if self.route else F
         for d in range(grid.dim):
             kernels.spread(out[d], self.base, self.weights, F, d, self.coupling.kind, grid.dim)
+        if self.sides:
+            mirrors.fold(out, grid, self.coupling.signs, self.sides)
         grid.add_ghosts(out)
         return out
 

@@ -161,6 +161,20 @@ class Boundary:
             return "N" if fully_open else "D"
         return "N" if isinstance(place.side, FreeSlip) else "D"
 
+    @property
+    def signs(self) -> dict[tuple[int, bool], tuple[float, ...]]:
+        """Sign with which each velocity component is reflected about a side at rest, by axis and whether it is upper.
+
+        Sides that are open, or open on a part, have none.
+        """
+        return {
+            (place.axis, place.upper): tuple(
+                1.0 if self._end(place, d) == "N" else -1.0 for d in range(self.grid.dim)
+            )
+            for place in self.places
+            if not place.is_open
+        }
+
     def unknown_faces(self, d: int) -> tuple[slice, slice, slice]:
         """Slices of the owned faces of component d that the direct solver solves for."""
         first, last = self.grid.owned[d].start, self.grid.owned[d].stop
