@@ -142,6 +142,18 @@ def test_a_slab_that_carries_the_fluid_along_swings_at_the_closed_frequency():
     assert_order(gap, (40, 80, 160), order=1.9, below=3e-3 * d)
 
 
+def test_a_change_of_the_step_gives_no_kick():
+    """Under a steady load the slab goes on with the same acceleration in steps a tenth as long."""
+    load = DeadLoad(on=("x_lower",), traction=(0.3, 0.0))
+    model, dt = slab(loads=(load,), stiffness=0.0, c1=500.0), 0.002
+    acceleration = 0.3 / (RHO * LENGTH + (HEAVY - RHO) * WIDTH)
+    state = march(model, fsi.initial_state(model, dt), dt, 150)
+    for _ in range(10):
+        state = march(model, state, 0.1 * dt, 1)
+        speed = WORLD.allreduce(state.u[0][model.grid.owned].mean()) / WORLD.size
+        assert speed == pytest.approx(acceleration * state.t, rel=1e-4)
+
+
 def rigid_layer(mu, k, d, end, n=600):
     """Position of a rigid slab that slides along itself in viscous fluid: its springs and the fluid's friction."""
     half = 0.5 * (LENGTH - WIDTH)

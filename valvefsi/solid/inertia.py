@@ -14,7 +14,7 @@ distance of the two then obeys the same recurrence at every density, every step 
 a = b = 1/2 leaves room for less fluid in motion than M_k says and for other springs, and loses 30 % a step. (What the
 fluid cannot follow, twins that crowd or that jump from node to node, rings longer, by the factor m_k / mu_k.) A twin
 lags its node by m_k dt^2 / (a mu_k) times the acceleration: the tie is as consistent as the step, of second order, and
-there is no constant to choose.
+there is no constant to choose. Where a step is followed by one of another length, the twins take the lag of that one.
 """
 
 from __future__ import annotations
@@ -82,6 +82,13 @@ class ExcessMass:
     def start(self, chi: Array, U: Array) -> Twin:
         """Return twins that move with nodes at chi with velocity U."""
         return Twin(chi.copy(), U.copy())
+
+    def adapted(self, twin: Twin, chi: Array, ratio: float) -> Twin:
+        """Return twins with the lag behind nodes at chi that steps ``ratio`` times as long have.
+
+        Without it a change of the step would kick the nodes, as the tie grows stiffer while the lag stays.
+        """
+        return twin if ratio == 1.0 else Twin(chi + ratio**2 * (twin.Y - chi), twin.V)
 
     def pull(self, twin: Twin, chi_half: Array, U: Array, dt: float) -> Array:
         """Return the force of the twins on the nodes, ``(num_nodes, 3)`` [dyn].
