@@ -26,6 +26,9 @@ def draw(
 ) -> dict[str, float]:
     """Draw ``histories.png``, and ``flow.png`` in two dimensions, into the folder of a run.
 
+    Where profiles were asked for, also ``profiles.png``, and where the flow was averaged, in space, the mean axial
+    velocity and the turbulence kinetic energy in the plane of all lines.
+
     Args:
         model: The model.
         state: The last state.
@@ -49,6 +52,8 @@ def draw(
         if flow is not None:
             caption = f"t = {state.t:.4g} s"
             _draw_flow(output.directory / "flow.png", model.grid, flow, solids, (title, caption))
+        if output.lines:
+            _draw_lines(output, model.grid.dim, title)
     return model.grid.comm.bcast(last)
 
 
@@ -90,6 +95,29 @@ def _draw_histories(
         )
         series.append(panel)
     plots.histories(path, history["t_s"], series, title=title)
+
+
+def _draw_lines(output: Output, dim: int, title: str) -> None:
+    """Draw profiles, and averages in the plane that holds their lines, with the lines dashed."""
+    from valvefsi.io.movies import draw_plane
+    from valvefsi.io.profile_plots import draw_profiles, largest_velocity, read_profiles
+    from valvefsi.io.slice_plots import Plane
+
+    found = read_profiles(output.directory / "profiles")
+    profiles = {name: found[name] for name in output.lines}
+    column = largest_velocity(profiles)
+    averaged = column.startswith("mean_")
+    caption = f"averaged from t = {output.averages_from:.4g} s on" if averaged else "at the end"
+    draw_profiles(output.directory / "profiles.png", profiles, title=title, caption=caption)
+    ends = np.array([end for line in output.lines.values() for end in (line.start, line.end)])
+    flat = np.flatnonzero(np.ptp(ends, axis=0) < 1e-9)
+    if dim < 3 or not len(flat) or not averaged:
+        return
+    plane = Plane(axis=int(flat[0]), position=float(ends[0, flat[0]]))
+    kept = [k for k in range(3) if k != plane.axis]
+    lines = [np.array([line.start, line.end])[:, kept] for line in output.lines.values()]
+    for field in (f"mean_velocity_{column[7]}", "turbulence_kinetic_energy"):
+        draw_plane(output.directory, output.directory, plane=plane, field=field, lines=lines)
 
 
 def _label(column: str) -> str:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import shutil
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
 from valvefsi.io.grid_files import GridFields, nearest_time, read_grid, times_of
@@ -23,7 +24,15 @@ def series_of(folder: Path, name: str) -> Path:
     return Path(folder) / "paraview" / f"{SERIES.get(name.split('_')[0], 'fluid')}.pvd"
 
 
-def draw_plane(folder: Path, out: Path, *, plane: Plane | None, field: str, t: float | None = None) -> Path:
+def draw_plane(
+    folder: Path,
+    out: Path,
+    *,
+    plane: Plane | None,
+    field: str,
+    t: float | None = None,
+    lines: Sequence[NDArray] = (),
+) -> Path:
     """Draw one time of a field of a run in a plane, with its solids.
 
     Args:
@@ -32,6 +41,7 @@ def draw_plane(folder: Path, out: Path, *, plane: Plane | None, field: str, t: f
         plane: The plane; None in two dimensions.
         field: What is shown.
         t: Time, the nearest there is; the last if None [s].
+        lines: Dashed lines over it, both ends in the plane's coordinates, ``(2, 2)`` each [cm].
 
     Raises:
         CaseError: There is no series, no such field, or no such plane.
@@ -43,7 +53,7 @@ def draw_plane(folder: Path, out: Path, *, plane: Plane | None, field: str, t: f
     solids = [outline(body, plane, grid.dim) for body in bodies_at(folder, when)]
     path = Path(out) / f"slice_{_place(grid, plane, '_')}{field}.png"
     return draw_slice(
-        path, found, solids=solids, title=field.replace("_", " "), caption=_caption(grid, plane)
+        path, found, solids=solids, lines=lines, title=field.replace("_", " "), caption=_caption(grid, plane)
     )
 
 

@@ -178,6 +178,7 @@ def draw_slice(
     found: Slice,
     *,
     solids: Sequence[Sequence[NDArray]] = (),
+    lines: Sequence[NDArray] = (),
     limits: tuple[float, float] | None = None,
     title: str = "",
     caption: str = "",
@@ -188,6 +189,7 @@ def draw_slice(
         path: The picture.
         found: The field.
         solids: Segments or polygons of each solid, see `outline`.
+        lines: Dashed lines over all of it, ``(2, 2)`` each [cm].
         limits: Ends of the scale; those of the field if left out.
         title: Heading.
         caption: Second line under it.
@@ -218,6 +220,7 @@ def draw_slice(
             axes.add_collection(
                 PolyCollection(polygons, facecolor="#f3ede4", edgecolor=INK, linewidths=0.3, zorder=3)
             )
+        axes.add_collection(LineCollection(lines, colors=INK, linewidths=1.0, linestyles="--", zorder=4))
         axes.set(xlim=found.x[[0, -1]], ylim=found.y[[0, -1]], aspect="equal")
         axes.set(xlabel=f"{found.axes[0]} [cm]", ylabel=f"{found.axes[1]} [cm]")
         bar = figure.add_axes((place[0] + place[2] + 0.2 / whole[0], place[1], 0.16 / whole[0], place[3]))
