@@ -17,7 +17,7 @@ LAYERS = [
     {"grid"},
     {"fluid", "solid", "coupling", "circulation", "geometry", "diagnostics", "io"},
     {"fsi"},
-    {"statistics", "recorded_stress"},
+    {"statistics", "recorded_stress", "stable_step"},
     {"recording", "schedule"},
     {"pictures"},
     {"simulation"},

@@ -1,0 +1,49 @@
+"""The measured limit of the step: against closed forms and against what blows up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.test_planning import largest_speed_after
+from valvefsi.coupling.transfer import Coupling
+from valvefsi.errors import StabilityError
+from valvefsi.planning import step_limits
+from valvefsi.stable_step import _largest_eigenvalue, measured_limit
+
+from .coupled_case import block_model
+
+
+def test_lanczos_finds_the_largest_eigenvalue_of_a_product():
+    rng = np.random.default_rng(2)
+    A, B = rng.standard_normal((2, 40, 40))
+    K, M = A @ A.T + np.eye(40), B @ B.T
+    found = _largest_eigenvalue(lambda x: K @ x, lambda x: M @ x, np.vdot, rng.standard_normal(40))
+    assert found == pytest.approx(np.linalg.eigvals(M @ K).real.max(), rel=1e-3)
+
+
+def stays_calm(model, dt):
+    try:
+        return largest_speed_after(model, dt, steps=400) < 0.1
+    except StabilityError:
+        return False
+
+
+@pytest.mark.parametrize("kernel", ["piecewise_linear", "bspline3", "ib6"])
+def test_it_parts_what_is_stable_from_what_is_not(kernel):
+    model = block_model(load=2.0, tether=50.0)
+    model = replace(model, couplings=(Coupling(model.grid, kernel),))
+    limit = step_limits(model)["elastic, block"]
+    assert measured_limit(model, limit, 0) > limit
+    for _ in range(6):  # the step at which the dampers are taken
+        limit = measured_limit(model, limit, 0)
+    assert stays_calm(model, 0.95 * limit)
+    assert not stays_calm(model, 1.12 * limit)
+
+
+def test_stiff_tethers_are_in_it():
+    model = block_model(load=2.0)
+    limit = step_limits(model)["tether, block"]
+    assert measured_limit(model, limit, 0) == pytest.approx(limit, rel=0.3)

@@ -1,0 +1,110 @@
+"""The largest stable step of the explicit coupling, measured on the coupled operator itself.
+
+A small displacement d of a solid's nodes at rest, moving with U, makes the force -K d - C U, which the fluid turns into
+an acceleration of the nodes: M times it, spread, projected and interpolated. For one mode, M K = omega^2 and M C = c,
+the scheme of `valvefsi.fsi` has the trace 2 - c dt - omega^2 dt^2 and the determinant 1 - c dt; it is stable while
+
+    dt^2 omega^2 + 2 dt c < 4,    that is    dt < 2 / sqrt(largest eigenvalue of M (K + 2 C / dt)),
+
+which the method of Lanczos finds in a few products: M K is self-adjoint in the product x . K y. What a bound for
+each cause by itself cannot know is in it: the projection takes away most of what the bulk modulus does, and thin
+bodies and points much closer than a spacing move the mass of fluid in their kernel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi.fsi import Model, initial_state
+from valvefsi.grid import Array
+
+PRODUCTS = 24
+"""Products of the Lanczos method: within a few per cent of the largest eigenvalue."""
+NUDGE = 1e-5
+"""Size of the displacement that the stiffness is differenced with, in spacings."""
+
+
+def measured_limit(model: Model, dt: float, number: int) -> float:
+    """Return the largest stable step for the elastic forces, springs and dampers of one solid at rest [s].
+
+    Args:
+        model: The model.
+        dt: The step in question, at which the dampers and the fluid's viscosity are taken [s].
+        number: Which solid.
+
+    Returns:
+        The limit, above dt where dt is stable and below it where it is not; infinite for a solid without stiffness.
+
+    Note:
+        Collective. Costs `PRODUCTS` fluid steps and twice as many evaluations of the force. A solid may be stiffer
+        where it is stretched later.
+    """
+    solid, grid = model.solids[number], model.grid
+    transfer = model.couplings[number].at(solid.X)
+    state = initial_state(model, dt)
+    pressures = model.circulation.pressures(state.circuits, state.t) if model.circulation else None
+    nudge = NUDGE * float(min(grid.spacing[: grid.dim]))
+
+    def stiffness(d: Array) -> Array:
+        longest = grid.comm.allreduce(float(np.abs(d).max(initial=0.0)), op=MPI.MAX)
+        if not longest > 0.0:
+            return np.zeros_like(d)
+        step = nudge / longest
+        forth, back = (
+            solid.force(solid.X + part * d, (2.0 / dt) * part * d, 0.0).copy() for part in (step, -step)
+        )
+        return (back - forth) / (2.0 * step)
+
+    def velocity(F: Array | None) -> Array:
+        f = grid.zero_faces()
+        if F is not None:
+            transfer.spread(F, out=f)
+        N = (state.N, state.N, 1.0)
+        u, _ = model.fluid.step(state.u, state.p.copy(), N, f, 0.0, dt, pressures)
+        return transfer.interpolate(u)
+
+    base = velocity(None)
+    start = np.random.default_rng(1).standard_normal((solid.num_nodes, 3))[solid.ids]
+    start[:, grid.dim :] = 0.0
+
+    def mobility(F: Array) -> Array:
+        return (velocity(F) - base) / dt
+
+    def dot(a: Array, b: Array) -> float:
+        return grid.comm.allreduce(float(np.vdot(a, b)))
+
+    largest = _largest_eigenvalue(stiffness, mobility, dot, start)
+    return 2.0 / math.sqrt(largest) if largest > 0.0 else math.inf
+
+
+def _largest_eigenvalue(
+    K: Callable[[Array], Array],
+    M: Callable[[Array], Array],
+    dot: Callable[[Array, Array], float],
+    start: Array,
+) -> float:
+    """Largest eigenvalue of M K for symmetric K and M that are not negative, by Lanczos in the product of K."""
+    v = start
+    Kv = K(v)
+    size = dot(v, Kv)
+    if not size > 0.0:
+        return 0.0
+    v, Kv = v / math.sqrt(size), Kv / math.sqrt(size)
+    before, diagonal, beside = np.zeros_like(v), [], []
+    for _ in range(PRODUCTS):
+        w = M(Kv)
+        diagonal.append(dot(w, Kv))
+        w = w - diagonal[-1] * v - (beside[-1] if beside else 0.0) * before
+        Kw = K(w)
+        size = dot(w, Kw)
+        if not size > 1e-20 * diagonal[-1] ** 2:
+            break
+        beside.append(math.sqrt(size))
+        before, v, Kv = v, w / beside[-1], Kw / beside[-1]
+    n = len(diagonal)
+    T = np.diag(diagonal) + np.diag(beside[: n - 1], 1) + np.diag(beside[: n - 1], -1)
+    return float(np.linalg.eigvalsh(T)[-1])
