@@ -64,6 +64,12 @@ def test_the_pictures_are_drawn_by_the_run_and_by_plot(ran, tmp_path):
     assert done.exit_code == 0, done.output
     for name in ("leaflets.png", "free_edges.png", "valve.png"):
         assert (tmp_path / name).stat().st_size > 5000
+    (tmp_path / "no history").mkdir()
+    shutil.copy(ran / "case.toml", tmp_path / "no history")
+    shutil.copytree(ran / "paraview", tmp_path / "no history" / "paraview")
+    done = CliRunner().invoke(app, ["plot", str(tmp_path / "no history")])
+    assert "free_edges" in done.output
+    assert "valve.png" not in done.output
     bare = tmp_path / "bare"
     shutil.copytree(ran / "paraview", bare / "paraview")
     assert "free_edges" not in CliRunner().invoke(app, ["plot", str(bare)]).output

@@ -70,10 +70,12 @@ def draw_valve(case: Case, folder: Path, out: Path) -> list[Path]:
 
 def _cycles(case: Case, out: Path) -> tuple[History, ValveRecord, list[CycleNumbers]] | None:
     """The history of a run, its record and its whole cycles, or the one begun last; None where there is no record."""
-    if _waves(case) is None:
+    waves, path = _waves(case), Path(out) / "history.csv"
+    if waves is None or not path.is_file():
         return None
-    history = {name: np.array(column) for name, column in read_history(Path(out) / "history.csv").items()}
-    if len(history["t_s"]) < 3:
+    history = {name: np.array(column) for name, column in read_history(path).items()}
+    needed = {"t_s", "pdva_cm2", *(column for column, _ in waves.values())}
+    if not needed <= set(history) or len(history["t_s"]) < 3:
         return None
     record = _record(case, history)
     begun = valve_numbers(record, _test(case))
