@@ -15,7 +15,7 @@ from valvefsi.case.expressions import read_table
 from valvefsi.io.history import read_history
 
 DEMOS = sorted((Path(__file__).parents[1] / "demos").glob("*.toml"))
-VALVES = [path for path in DEMOS if path.stem.startswith("pericardial_valve")]
+VALVES = [path for path in DEMOS if "_valve" in path.stem]
 LOOP = DEMOS[0].parent / "pericardial_valve_loop.csv"
 STEPS = 20
 

@@ -59,9 +59,10 @@ class Leaflets:
             mine = np.flatnonzero(self.leaflet == number)
             xy = first[mine][..., :2].reshape(-1, 2)
             way = xy.mean(axis=0) / np.linalg.norm(xy.mean(axis=0))
-            node = int(np.argmin(np.abs(xy @ np.array([-way[1], way[0]]))))
+            aside = np.abs(xy @ np.array([-way[1], way[0]]))
+            nodes = np.flatnonzero(aside < aside.min() + 1e-6)  # one in each layer of elements
             for k in range(len(self.t)):
-                found[k, number] = self.edges(k)[mine][..., :2].reshape(-1, 2)[node] @ way
+                found[k, number] = (self.edges(k)[mine][..., :2].reshape(-1, 2)[nodes] @ way).mean()
         return found
 
 
