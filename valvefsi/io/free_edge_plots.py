@@ -45,7 +45,7 @@ def free_edges(
     t, top = np.asarray(edges["t"]), int(edges["top"])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.2, 7.4), dpi=160, facecolor="white")
-        views = [figure.add_axes((0.04 + 0.49 * k, 0.40, 0.36, 0.46)) for k in range(2)]
+        views = [figure.add_axes((0.04 + 0.49 * k, 0.42, 0.36, 0.46)) for k in range(2)]
         for axes, name, part in zip(
             views, ("opening", "closing"), (np.arange(top + 1), np.arange(top, len(t))), strict=True
         ):
@@ -57,7 +57,7 @@ def free_edges(
         below.set(xlabel="t [s]", ylabel="middle of the free edge\nfrom the axis [cm]")
         below.margins(x=0)
         plain(below)
-        below.legend(frameon=False, fontsize=8.5, ncols=3, loc="upper right")
+        below.legend(frameon=False, fontsize=8.5, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
         headings(figure, title, caption)
         return saved(figure, path)
 

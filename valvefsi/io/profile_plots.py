@@ -53,7 +53,7 @@ def draw_profiles(path: Path, profiles: Mapping[str, Profile], *, title: str = "
     across = min(len(profiles), ACROSS)
     blocks = -(-len(profiles) // across)
     with mpl.rc_context(STYLE):
-        height = 2.3 * blocks * len(shown) + 1.5
+        height = 2.3 * blocks * len(shown) + 1.7
         figure = Figure(figsize=(2.35 * across + 1.0, height), dpi=160, facecolor="white")
         figure.subplots_adjust(
             0.85 / figure.get_figwidth(), 0.5 / height, 0.98, 1 - 0.95 / height, 0.14, 0.42

@@ -196,6 +196,7 @@ def draw_slice(
     """
     low, high = limits or scale_of(found.values)
     signed = low == -high  # a diverging map only where its middle is zero
+    ink = INK if signed else "white"  # the other map is dark at its low end
     width, height = np.ptp(found.x), np.ptp(found.y)
     longest = 7.0 / max(width, height)
     size = (max(longest * width, 2.4), max(longest * height, 2.0))
@@ -216,11 +217,11 @@ def draw_slice(
         for parts in solids:
             segments = [part for part in parts if len(part) == 2]
             polygons = [part for part in parts if len(part) > 2]
-            axes.add_collection(LineCollection(segments, colors=INK, linewidths=0.9, zorder=3))
+            axes.add_collection(LineCollection(segments, colors=ink, linewidths=0.9, zorder=3))
             axes.add_collection(
                 PolyCollection(polygons, facecolor="#f3ede4", edgecolor=INK, linewidths=0.3, zorder=3)
             )
-        axes.add_collection(LineCollection(lines, colors=INK, linewidths=1.0, linestyles="--", zorder=4))
+        axes.add_collection(LineCollection(lines, colors=ink, linewidths=1.0, linestyles="--", zorder=4))
         axes.set(xlim=found.x[[0, -1]], ylim=found.y[[0, -1]], aspect="equal")
         axes.set(xlabel=f"{found.axes[0]} [cm]", ylabel=f"{found.axes[1]} [cm]")
         bar = figure.add_axes((place[0] + place[2] + 0.2 / whole[0], place[1], 0.16 / whole[0], place[3]))
