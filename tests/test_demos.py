@@ -18,6 +18,7 @@ LONG = {
     "pericardial_valve_bovine": "0.02 ms",
     "pericardial_valve_pressures": "0.02 ms",
     "pericardial_valve_steady": "0.02 ms",
+    "porcine_valve": "0.02 ms",
 }
 """Ends of runs that take too long for a second of simulated time."""
 
