@@ -17,7 +17,7 @@ LAYERS = [
     {"grid"},
     {"fluid", "solid", "coupling", "circulation", "geometry", "diagnostics", "io"},
     {"fsi"},
-    {"statistics", "recorded_stress", "stable_step"},
+    {"statistics", "recorded_stress", "stable_step", "health"},
     {"recording", "schedule"},
     {"pictures"},
     {"simulation"},

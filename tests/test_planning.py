@@ -69,7 +69,7 @@ def test_the_plan_states_sizes_limits_give_and_time(shared_tmp):
     ("changes", "warned"),
     [
         ({"cells": 16}, []),
-        ({"cells": 24}, ["fluid leaks between nodes: edges of 1.50 h"]),
+        ({"cells": 24}, ["fluid leaks between points: neighbours are 1.50 h apart"]),
         ({"cells": 16, "nu_stab": None}, ["no volumetric energy"]),
     ],
 )

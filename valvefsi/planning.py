@@ -28,12 +28,11 @@ from valvefsi import fsi
 from valvefsi.coupling import kernels
 from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.fsi import Model
+from valvefsi.health import LONGEST_GAP, remedy, widest_gap
 from valvefsi.simulation import Simulation, timed
 from valvefsi.stable_step import measured_limit
 
 TRIAL_STEPS = 5
-LONGEST_EDGE = 1.25
-"""Longest edge over h up to which nodal coupling is held to be tight: in the kernel study 1 was, 2 was not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,19 +84,19 @@ def _size(model: Model, steps: int) -> list[Entry]:
                 note=f"smallest edge / h = {ratio:.2f}, longest {longest:.2f}",
             )
         )
-        entries += _advice(solid, coupling, longest)
+        entries += _advice(solid, coupling, widest_gap(solid, coupling, solid.X) / grid.spacing[0])
     for surface in model.rigid:
         entries.append(Entry(quantity=f"points of {surface.name}", value=surface.num_nodes, note="rigid"))
     return [*entries, _memory(model)]
 
 
-def _advice(solid: object, coupling: object, longest: float) -> list[Entry]:
+def _advice(solid: object, coupling: object, gap: float) -> list[Entry]:
     """Warn where a solid leaves the range in which the kernel study found every kernel sound."""
     found = []
-    if coupling.nodal and longest > LONGEST_EDGE:
+    if gap > LONGEST_GAP:
         found.append(
-            f"fluid leaks between nodes: edges of {longest:.2f} h with nodal coupling, at most {LONGEST_EDGE:g} is "
-            'safe; refine the mesh or take coupling = "elemental"'
+            f"fluid leaks between points: neighbours are {gap:.2f} h apart, at most {LONGEST_GAP:g} is safe; "
+            f"{remedy(coupling)}"
         )
     if not solid.kappa > 0.0:
         found.append("no volumetric energy (nu_stab, kappa): J goes far from 1 under large compression")

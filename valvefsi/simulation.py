@@ -17,6 +17,7 @@ from valvefsi import diagnostics, fsi
 from valvefsi.errors import CaseError, StabilityError, Stopped
 from valvefsi.fsi import Model, State
 from valvefsi.grid import Array, MacGrid
+from valvefsi.health import Health
 from valvefsi.memory import keep_freed_memory
 from valvefsi.recording import Output, Recorder, box_of, load_state, refuse_to_overwrite, save_state
 from valvefsi.schedule import AdaptiveSchedule, Schedule
@@ -35,6 +36,7 @@ class Outcome:
         wall_s: Wall-clock time of these steps [s].
         phases: Wall-clock time on rank 0 by phase [s].
         recoveries: Each return to an earlier state: time it failed at and went back to, next step, reason.
+        warnings: What was warned of during the run, see `valvefsi.health`.
     """
 
     state: State
@@ -42,6 +44,7 @@ class Outcome:
     wall_s: float
     phases: dict[str, float] = field(default_factory=dict)
     recoveries: tuple[dict[str, object], ...] = ()
+    warnings: tuple[dict[str, object], ...] = ()
 
     def timing(self, grid: MacGrid) -> dict[str, object]:
         """Steps, cells, wall-clock time, cell steps per second and phases, as in ``result.json``."""
@@ -53,6 +56,7 @@ class Outcome:
             "cell_steps_per_s": cells * self.steps / self.wall_s,
             "phases": self.phases,
             "recoveries": list(self.recoveries),
+            "warnings": list(self.warnings),
         }
 
 
@@ -78,6 +82,7 @@ class Simulation:
         self.statistics = Statistics(model.grid, start=output.averages_from, lines=output.lines)
         self.phases: dict[str, float] = defaultdict(float)
         self.recoveries: list[dict[str, object]] = []
+        self.health = Health(model)
 
     def run(self, *, resume: bool = False, progress: Progress | None = None) -> Outcome:
         """Run to the end, or until something is wrong.
@@ -113,6 +118,7 @@ class Simulation:
             wall_s=wall,
             phases=dict(self.phases),
             recoveries=tuple(self.recoveries),
+            warnings=tuple(self.health.report()),
         )
 
     def pictures(
@@ -201,6 +207,7 @@ class Simulation:
             self._check_elements(row, state)
             if self._row_due(state):
                 recorder.history.append(row)
+                self.health.look(state)
                 self.statistics.add(state)
             if old is None or self._frame_due(old, state):
                 recorder.frame(state)

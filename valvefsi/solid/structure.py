@@ -16,6 +16,7 @@ from mpi4py import MPI
 from valvefsi.errors import CaseError
 from valvefsi.solid.elasticity import Elasticity
 from valvefsi.solid.fibres import check_fibres
+from valvefsi.solid.gaps import Gaps
 from valvefsi.solid.lumping import lumped_weights, surface_area
 from valvefsi.solid.materials import Volumetric, kappa_stab, stabilisation
 from valvefsi.solid.moving_tether import MovingTether
@@ -139,6 +140,7 @@ class Structure:
         self.kappa = self.volumetric.kappa
         check_fibres(mesh, material)
         self.space = fem.functionspace(mesh.mesh, ("Lagrange", discretisation.degree, (self.dim,)))
+        self._gaps: Gaps | None = None
         self._place_nodes()
         self._assemble_supports()
         degree = discretisation.quadrature_degree
@@ -306,6 +308,12 @@ class Structure:
         a, b = np.array(compat.edges(domain)).T
         edge = np.linalg.norm(corners[:, a] - corners[:, b], axis=2).max(initial=0.0)
         return self.comm.allreduce(float(edge), op=MPI.MAX)
+
+    def longest_gap(self, chi: Array) -> float:
+        """Return the largest distance at chi of nodes that follow one another on an edge [cm] (collective)."""
+        if self._gaps is None:
+            self._gaps = Gaps(self.space)
+        return self._gaps.longest(chi)
 
     def thickness(self) -> float:
         """Return the thickness of a plate of this volume and surface, 2 V / A [cm] (collective)."""
