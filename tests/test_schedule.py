@@ -23,6 +23,7 @@ from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import MacGrid
 from valvefsi.io.history import read_history
 from valvefsi.schedule import AdaptiveSchedule, Schedule
+from valvefsi.stable_step import measured_limit
 
 WORLD = MPI.COMM_WORLD
 T_END = STEPS * DT
@@ -36,8 +37,8 @@ def adaptive(folder, comm=WORLD, *, lid=300.0, **options):
     return sim
 
 
-def state(*, t=0.0, step=0, dt=1.0):
-    return SimpleNamespace(t=t, step=step, dt=dt)
+def state(*, t=0.0, step=0, dt=1.0, dt_stable=np.inf):
+    return SimpleNamespace(t=t, step=step, dt=dt, dt_stable=dt_stable)
 
 
 def test_the_next_step_is_the_smallest_of_its_limits():
@@ -45,6 +46,7 @@ def test_the_next_step_is_the_smallest_of_its_limits():
     assert schedule.next_dt(state(), 0.0) == 1.0
     assert schedule.next_dt(state(step=1, dt=0.5), 0.0) == pytest.approx(0.55)
     assert schedule.next_dt(state(step=1, dt=0.5), 4.0) == pytest.approx(0.05)
+    assert schedule.next_dt(state(step=1, dt_stable=0.4), 0.0) == pytest.approx(0.85 * 0.4)
     assert schedule.next_dt(state(t=98.5, step=1), 0.0) == pytest.approx(0.75)
     assert schedule.next_dt(state(t=99.25, step=1), 0.0) == pytest.approx(0.75)
     assert schedule.finished(state(t=99.25 + 0.75))
@@ -106,8 +108,39 @@ def test_an_adaptive_run_restarts_with_the_same_steps(shared_tmp):
     assert largest_gap(whole_state(sim, sim.run(resume=True).state), expected) < 1e-12
 
 
+def stiff(folder, **options):
+    """The block under its load, with steps three times as long as it stays stable with."""
+    model = block_model(lid=2.0, tether=2e4)
+    sim = simulation(folder, model=model, checkpoint_every=options.pop("checkpoint_every", 0))
+    limit = measured_limit(model, 1e-2, 0)
+    given = {"dt": 3.0 * limit, "t_end": 120 * limit, "cfl": 0.4, "max_recoveries": 0, "measure_every": 10}
+    sim.schedule = AdaptiveSchedule(**given | options)
+    return sim, limit
+
+
+def test_steps_keep_below_the_stable_one_as_it_is_measured(shared_tmp):
+    with pytest.raises(StabilityError):
+        stiff(shared_tmp / "blind", measure_every=0)[0].run()
+    sim, limit = stiff(shared_tmp / "seeing")
+    outcome = sim.run()
+    assert not outcome.recoveries
+    assert "stable step" in outcome.phases
+    steps = np.diff(read_history(shared_tmp / "seeing" / "history.csv")["t_s"]) / 5
+    assert 0.4 * limit < np.median(steps) < 1.2 * limit
+
+
+def test_the_measured_step_is_restored_with_the_state(shared_tmp):
+    expected = stiff(shared_tmp / "whole")[0].run().state
+    with pytest.raises(StopIteration):
+        stiff(shared_tmp / "cut", checkpoint_every=15)[0].run(progress=stop_after(18))
+    final = stiff(shared_tmp / "cut")[0].run(resume=True).state
+    assert final.step == expected.step
+    assert final.dt_stable == pytest.approx(expected.dt_stable, rel=1e-9)
+    assert np.abs(final.chi[0] - expected.chi[0]).max(initial=0.0) < 1e-12
+
+
 def test_a_fault_that_shorter_steps_avoid_is_recovered_from_and_told(shared_tmp):
-    sim = adaptive(shared_tmp, lid=2.0)
+    sim = adaptive(shared_tmp, lid=2.0, measure_every=0)
     inner, calls = sim.model.solids[0].force, []
 
     def force(chi, U, t):

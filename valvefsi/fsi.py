@@ -7,6 +7,7 @@ A solid has the fluid's density, or more of its own: see `valvefsi.solid.inertia
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -124,6 +125,7 @@ class State:
         circuits: State of the circulation at t, the same on all ranks, ``(num_states,)``.
         carried: How far the fluid has carried the points of each rigid surface, ``(num_points, 3)`` each [cm].
         twins: Positions and velocities of the excess mass of each heavy solid at t.
+        dt_stable: Largest stable step when it was last measured, see `valvefsi.stable_step` [s].
     """
 
     t: float
@@ -136,6 +138,7 @@ class State:
     circuits: Array = field(default_factory=lambda: np.zeros(0))
     carried: tuple[Array, ...] = ()
     twins: tuple[Twin, ...] = ()
+    dt_stable: float = math.inf
 
 
 def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | None = None) -> State:
@@ -217,4 +220,4 @@ def step(model: Model, s: State, dt: float) -> State:
         flows = {name: model.fluid.boundary.outflow(u_half, name) for name in model.circulation.sides}
         circuits = model.circulation.step(s.circuits, flows, s.t, dt)
     moved = {"chi": chi, "circuits": circuits, "carried": carried, "twins": tuple(twins)}
-    return State(t=s.t + dt, step=s.step + 1, dt=dt, u=u, p=p, N=N, **moved)
+    return State(t=s.t + dt, step=s.step + 1, dt=dt, u=u, p=p, N=N, dt_stable=s.dt_stable, **moved)

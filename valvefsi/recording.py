@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -120,6 +121,7 @@ def save_state(
     for name, solid, twin in zip(_twin_tables(model), _heavy(model), state.twins, strict=True):
         rows[name] = checkpoint.Rows(np.hstack(twin), solid.ids, solid.num_nodes)
     meta = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
+    meta["dt_stable"] = state.dt_stable if math.isfinite(state.dt_stable) else None
     meta["circuits"] = [float(value) for value in state.circuits]
     meta["statistics"] = statistics.meta()
     meta["provenance"] = dict(output.provenance)
@@ -155,6 +157,7 @@ def load_state(model: Model, output: Output, statistics: Statistics) -> State | 
         t=meta["t"],
         step=meta["step"],
         dt=meta["dt"],
+        dt_stable=math.inf if meta.get("dt_stable") is None else meta["dt_stable"],
         u=model.fluid.fill(u, meta["t"]),
         p=arrays["p"],
         N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),

@@ -17,12 +17,14 @@ class Schedule:
         t_end: End of the run [s].
         cfl_max: Largest Courant number ``|u| dt / h`` that is accepted.
         max_recoveries: Times a run may go back to its last good state; none, as the step is not to be changed.
+        measure_every: Steps between measurements of the stable step; none either.
     """
 
     dt: float
     t_end: float
     cfl_max: float = 0.5
     max_recoveries: int = 0
+    measure_every: int = 0
 
     @property
     def num_steps(self) -> int:
@@ -44,18 +46,22 @@ class Schedule:
 
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveSchedule:
-    """Steps limited by the Courant number; each follows from the state alone, so a restart takes the same ones.
+    """Steps limited by the Courant number and by the solids, which follow from the state alone.
 
-    The next step is the smallest of the largest step, the last one times ``growth``, and ``cfl`` over the largest
-    ``|u| / h``; the last two steps share what is left of the run.
+    So a restart takes the same ones. The next step is the smallest of the largest step, the last one times ``growth``,
+    ``cfl`` over the largest ``|u| / h``, and ``share_stable`` of the largest stable step that was last measured; the
+    last two steps share what is left of the run.
 
     Attributes:
-        dt: Largest step; limits of stability other than the Courant number belong in it [s].
+        dt: Largest step [s].
         t_end: End of the run [s].
         cfl: Courant number that is aimed at.
         cfl_max: Largest Courant number that is accepted.
         growth: Largest ratio of a step to the one before.
         max_recoveries: Times a run may go back to its last good state and take shorter steps.
+        share_stable: Part of the measured stable step that is taken.
+        measure_every: Steps between measurements of the stable step, which cost about ten steps of the fluid; 0 for
+            never.
 
     Raises:
         ValueError: ``cfl`` is above ``cfl_max``, or ``growth`` not above 1.
@@ -67,6 +73,8 @@ class AdaptiveSchedule:
     cfl_max: float = 0.5
     growth: float = 1.1
     max_recoveries: int = 5
+    share_stable: float = 0.85
+    measure_every: int = 250
 
     def __post_init__(self) -> None:
         """Check the limits."""
@@ -97,6 +105,7 @@ class AdaptiveSchedule:
         dt = self.dt if state.step == 0 else min(self.dt, self.growth * state.dt)
         if rate > 0.0:
             dt = min(dt, self.cfl / rate)
+        dt = min(dt, self.share_stable * state.dt_stable)
         left = self.t_end - state.t
         steps = math.ceil(left / dt - 1e-9)
         return left / steps if steps <= 2 else dt

@@ -8,7 +8,7 @@ import signal
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -21,9 +21,13 @@ from valvefsi.health import Health
 from valvefsi.memory import keep_freed_memory
 from valvefsi.recording import Output, Recorder, box_of, load_state, refuse_to_overwrite, save_state
 from valvefsi.schedule import AdaptiveSchedule, Schedule
+from valvefsi.stable_step import stable_step
 from valvefsi.statistics import Statistics
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
+
+MEASURED_PRODUCTS = 10
+"""Products of the Lanczos method by which a run measures its stable step: the limit to some per cent."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,6 +165,8 @@ class Simulation:
         good, row, cuts, retries, saved = (state, rate), {}, 0, 0, time.perf_counter()
         while not schedule.finished(state):
             try:
+                if schedule.measure_every and state.step % schedule.measure_every == 0:
+                    state = self._measured(state)
                 new = fsi.step(model, state, schedule.next_dt(state, rate) * (0.5**cuts))
                 rate, stop, late = self._check(new, received, time.perf_counter() - saved)
                 if self._due(state, new):
@@ -184,6 +190,13 @@ class Simulation:
                         stop,
                     )
         return state
+
+    def _measured(self, state: State) -> State:
+        """Return a state with the largest stable step, for steps about as long as the longest (collective)."""
+        with self._clock("stable step"):
+            return replace(
+                state, dt_stable=stable_step(self.model, state, self.schedule.dt, MEASURED_PRODUCTS)
+            )
 
     def _due(self, old: State, new: State) -> bool:
         """Whether the elements are checked: whatever is written has passed."""

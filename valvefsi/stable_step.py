@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.fsi import Model, initial_state
+from valvefsi.fsi import Model, State, initial_state
 from valvefsi.grid import Array
 
 PRODUCTS = 24
@@ -28,25 +28,51 @@ NUDGE = 1e-5
 """Size of the displacement that the stiffness is differenced with, in spacings."""
 
 
-def measured_limit(model: Model, dt: float, number: int) -> float:
-    """Return the largest stable step for the elastic forces, springs and dampers of one solid at rest [s].
+def stable_step(model: Model, state: State, dt: float, products: int = PRODUCTS) -> float:
+    """Return the largest stable step for all solids where they are now, infinite without any [s].
+
+    Args:
+        model: The model.
+        state: The state.
+        dt: The step in question [s].
+        products: Products of the Lanczos method.
+
+    Note:
+        Collective.
+    """
+    rooms = {body.solid: body.room for body in model.heavy}
+    limits = [
+        math.sqrt(rooms.get(k, 1.0)) * measured_limit(model, dt, k, at=state, products=products)
+        for k in range(len(model.solids))
+    ]
+    return min(limits, default=math.inf)
+
+
+def measured_limit(
+    model: Model, dt: float, number: int, *, at: State | None = None, products: int = PRODUCTS
+) -> float:
+    """Return the largest stable step for the elastic forces, springs and dampers of one solid [s].
 
     Args:
         model: The model.
         dt: The step in question, at which the dampers and the fluid's viscosity are taken [s].
         number: Which solid.
+        at: State in which the solid is; at rest without one.
+        products: Products of the Lanczos method.
 
     Returns:
         The limit, above dt where dt is stable and below it where it is not; infinite for a solid without stiffness.
 
     Note:
-        Collective. Costs `PRODUCTS` fluid steps and twice as many evaluations of the force. A solid may be stiffer
-        where it is stretched later.
+        Collective. Costs a fluid step and two evaluations of the force a product. A solid that is compressed or
+        stretched is stiffer than at rest.
     """
     solid, grid = model.solids[number], model.grid
-    transfer = model.couplings[number].at(solid.X)
-    state = initial_state(model, dt)
-    pressures = model.circulation.pressures(state.circuits, state.t) if model.circulation else None
+    chi = solid.X if at is None else at.chi[number]
+    t = 0.0 if at is None else at.t
+    transfer = model.couplings[number].at(chi)
+    rest = initial_state(model, dt)
+    pressures = model.circulation.pressures(rest.circuits, 0.0) if model.circulation else None
     nudge = NUDGE * float(min(grid.spacing[: grid.dim]))
 
     def stiffness(d: Array) -> Array:
@@ -54,17 +80,15 @@ def measured_limit(model: Model, dt: float, number: int) -> float:
         if not longest > 0.0:
             return np.zeros_like(d)
         step = nudge / longest
-        forth, back = (
-            solid.force(solid.X + part * d, (2.0 / dt) * part * d, 0.0).copy() for part in (step, -step)
-        )
+        forth, back = (solid.force(chi + part * d, (2.0 / dt) * part * d, t).copy() for part in (step, -step))
         return (back - forth) / (2.0 * step)
 
     def velocity(F: Array | None) -> Array:
         f = grid.zero_faces()
         if F is not None:
             transfer.spread(F, out=f)
-        N = (state.N, state.N, 1.0)
-        u, _ = model.fluid.step(state.u, state.p.copy(), N, f, 0.0, dt, pressures)
+        N = (rest.N, rest.N, 1.0)
+        u, _ = model.fluid.step(rest.u, rest.p.copy(), N, f, 0.0, dt, pressures)
         return transfer.interpolate(u)
 
     base = velocity(None)
@@ -77,7 +101,7 @@ def measured_limit(model: Model, dt: float, number: int) -> float:
     def dot(a: Array, b: Array) -> float:
         return grid.comm.allreduce(float(np.vdot(a, b)))
 
-    largest = _largest_eigenvalue(stiffness, mobility, dot, start)
+    largest = _largest_eigenvalue(stiffness, mobility, dot, start, products)
     return 2.0 / math.sqrt(largest) if largest > 0.0 else math.inf
 
 
@@ -86,6 +110,7 @@ def _largest_eigenvalue(
     M: Callable[[Array], Array],
     dot: Callable[[Array, Array], float],
     start: Array,
+    products: int = PRODUCTS,
 ) -> float:
     """Largest eigenvalue of M K for symmetric K and M that are not negative, by Lanczos in the product of K."""
     v = start
@@ -95,7 +120,7 @@ def _largest_eigenvalue(
         return 0.0
     v, Kv = v / math.sqrt(size), Kv / math.sqrt(size)
     before, diagonal, beside = np.zeros_like(v), [], []
-    for _ in range(PRODUCTS):
+    for _ in range(products):
         w = M(Kv)
         diagonal.append(dot(w, Kv))
         w = w - diagonal[-1] * v - (beside[-1] if beside else 0.0) * before

@@ -62,7 +62,7 @@ class TimeStepping(Table):
     t_end: Time = Field(gt=0, description="End of the run")
     control: Literal["fixed", "adaptive"] = Field(
         "fixed",
-        description='"fixed": every step is dt; "adaptive": dt is the largest step, shorter where cfl asks for it',
+        description='"fixed": every step is dt; "adaptive": dt is the largest step, shorter for cfl or the solids',
     )
     cfl: float = Field(0.25, gt=0, le=1, description="CFL number |u| dt/h that adaptive steps aim at")
     cfl_max: float = Field(0.5, gt=0, le=1, description="Largest CFL number |u| dt/h that is accepted")
