@@ -46,7 +46,7 @@ def test_the_next_step_is_the_smallest_of_its_limits():
     assert schedule.next_dt(state(), 0.0) == 1.0
     assert schedule.next_dt(state(step=1, dt=0.5), 0.0) == pytest.approx(0.55)
     assert schedule.next_dt(state(step=1, dt=0.5), 4.0) == pytest.approx(0.05)
-    assert schedule.next_dt(state(step=1, dt_stable=0.4), 0.0) == pytest.approx(0.85 * 0.4)
+    assert schedule.next_dt(state(step=1, dt_stable=0.4), 0.0) == pytest.approx(0.8 * 0.4)
     assert schedule.next_dt(state(t=98.5, step=1), 0.0) == pytest.approx(0.75)
     assert schedule.next_dt(state(t=99.25, step=1), 0.0) == pytest.approx(0.75)
     assert schedule.finished(state(t=99.25 + 0.75))

@@ -60,7 +60,7 @@ class AdaptiveSchedule:
         growth: Largest ratio of a step to the one before.
         max_recoveries: Times a run may go back to its last good state and take shorter steps.
         share_stable: Part of the measured stable step that is taken.
-        measure_every: Steps between measurements of the stable step, which cost about ten steps of the fluid; 0 for
+        measure_every: Steps between measurements of the stable step, which cost about eight steps of the fluid; 0 for
             never.
 
     Raises:
@@ -73,8 +73,8 @@ class AdaptiveSchedule:
     cfl_max: float = 0.5
     growth: float = 1.1
     max_recoveries: int = 5
-    share_stable: float = 0.85
-    measure_every: int = 250
+    share_stable: float = 0.8
+    measure_every: int = 100
 
     def __post_init__(self) -> None:
         """Check the limits."""

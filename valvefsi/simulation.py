@@ -26,7 +26,7 @@ from valvefsi.statistics import Statistics
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
 
-MEASURED_PRODUCTS = 10
+MEASURED_PRODUCTS = 8
 """Products of the Lanczos method by which a run measures its stable step: the limit to some per cent."""
 
 
