@@ -222,6 +222,18 @@ def test_without_a_terminal_progress_is_a_plain_line_every_few_seconds(monkeypat
     assert shown(monkeypatch, rank=1) == ""
 
 
+def test_the_step_shown_is_a_step_that_was_taken(monkeypatch):
+    """The run goes back from step 8 to step 5."""
+    clock = iter(range(0, 10000, 10))
+    monkeypatch.setattr(progress_module.time, "perf_counter", lambda: float(next(clock)))
+    console = Console(file=io.StringIO(), width=200)
+    with progress_module.Progress(Rank(0), "block", console, period=1.0) as progress:
+        for step, t in ((6, 0.6), (7, 0.7), (8, 0.8), (5, 0.5), (6, 0.55), (7, 0.6), (8, 0.65)):
+            progress(step, t, 2.0)
+    steps = [line.partition("dt ")[2].split()[0] for line in console.file.getvalue().splitlines()]
+    assert steps == ["0.1", "0.1", "0.05"]  # until it is further than at first there is no time left to tell
+
+
 def test_on_a_terminal_progress_is_a_bar(monkeypatch):
     text = shown(monkeypatch, terminal=True)
     assert "block" in text

@@ -32,8 +32,8 @@ class Progress:
         self, comm: MPI.Comm, title: str, console: Console | None = None, period: float | None = None
     ) -> None:
         self.comm, self.title, self.console, self.period = comm, title, console, period
-        self.live = self.task = self.first = None
-        self.due = 0.0
+        self.live = self.task = self.first = self.last = None
+        self.due = self.dt = 0.0
 
     def __enter__(self) -> Progress:
         """Return itself; nothing is shown before the first step."""
@@ -56,8 +56,11 @@ class Progress:
         if self.comm.rank != 0:
             return
         now = time.perf_counter()
+        if self.last is not None and step > self.last[1]:  # not where the run went back
+            self.dt = (t - self.last[0]) / (step - self.last[1])
+        self.last = (t, step)
         if self.first is None:
-            self.first, self.last = (now, t, step), (t, step)
+            self.first = (now, t)
             self._open()
         elif now < self.due and t < t_end:
             return
@@ -69,8 +72,7 @@ class Progress:
         if self.period:
             beat, phase = divmod(t / self.period, 1.0)
             numbers += f", beat {beat + 1:.0f} at {100 * phase:.0f} %"
-            numbers += f", dt {(t - self.last[0]) / max(step - self.last[1], 1):.3g} s"
-        self.last = (t, step)
+            numbers += f", dt {self.dt:.3g} s"
         more = "".join(f", {name} {number(value)}" for name, value in _newest(info or {}))
         if self.live is not None:
             self.live.update(self.task, completed=share, text=f"{numbers}{more}", left=format_time(left))
