@@ -262,7 +262,9 @@ def _draw(setup: Setup, runs: Sequence[Mapping], path: Path) -> None:
     what = "volume" if setup.dim == 3 else "area"
     shown = [
         Panel(lines=lines("x", "y"), xlabel="x of the centre [cm]", ylabel="y of the centre [cm]"),
-        Panel(lines=lines("t", "change"), xlabel="t [s]", ylabel=f"relative {what} change [-]", reference=0.0),
+        Panel(
+            lines=lines("t", "change"), xlabel="t [s]", ylabel=f"relative {what} change [-]", reference=0.0
+        ),
     ]
     n = setup.numerics
     panels(path, shown, title=setup.name.replace("-", " "), caption=f"{n.kernel}, {n.coupling}, Re 100")
