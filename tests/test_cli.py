@@ -15,6 +15,7 @@ import valvefsi
 from valvefsi import cli
 from valvefsi.case import case_defaults, load_case
 from valvefsi.cli import progress as progress_module
+from valvefsi.cli.tables import show_result
 
 RUNNER = typer.testing.CliRunner()
 
@@ -247,3 +248,28 @@ def test_on_a_terminal_progress_is_a_bar(monkeypatch):
 )
 def test_durations_read_well(seconds, text):
     assert progress_module.format_time(seconds) == text
+
+
+def test_a_warning_is_one_line_without_code():
+    script = """
+        import warnings, valvefsi.cli
+        valvefsi.cli.app = lambda **options: warnings.warn("the mesh is coarse")
+        valvefsi.cli.main()
+        """
+    answer = python(script)
+    assert answer.returncode == 0
+    assert answer.stderr == "warning: the mesh is coarse\n"
+
+
+def test_recoveries_and_warnings_end_a_result_as_lines(capsys):
+    timing = {
+        "steps": 3,
+        "recoveries": [{"t_s": 0.1, "reason": "too fast"}],
+        "warnings": [{"text": "too coarse"}],
+    }
+    show_result({"table": [], "timing": timing}, Rank(0))
+    assert capsys.readouterr().out.splitlines()[-3:] == [
+        "steps: 3",
+        "recovery: too fast",
+        "warning: too coarse",
+    ]

@@ -51,7 +51,7 @@ def test_a_stretched_solid_is_warned_of_once_with_ratio_and_remedy(comm):
     assert len(heard) == (1 if comm.rank == 0 else 0)
     (found,) = health.report()
     assert found["text"] == (
-        "fluid leaks through block: neighbouring points are 1.30 h apart at t = 0.3 s, at most 1.25 h is safe; "
+        "fluid may leak through block: neighbouring points are 1.300 h apart at t = 0.3 s, at most 1.25 h is safe; "
         'refine the mesh or take coupling = "elemental"'
     )
     assert found["solid"] == "block"

@@ -53,7 +53,7 @@ class Health:
                 known["largest_gap_per_h"] = max(known["largest_gap_per_h"], ratio)
             elif ratio > LONGEST_GAP:
                 text = (
-                    f"fluid leaks through {solid.name}: neighbouring points are {ratio:.2f} h apart at t = "
+                    f"fluid may leak through {solid.name}: neighbouring points are {ratio:.3f} h apart at t = "
                     f"{state.t:.4g} s, at most {LONGEST_GAP:g} h is safe; {remedy(coupling)}"
                 )
                 self.found[solid.name] = {"t_s": state.t, "largest_gap_per_h": ratio, "text": text}

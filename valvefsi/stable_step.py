@@ -40,18 +40,14 @@ def stable_step(model: Model, state: State, dt: float, products: int = PRODUCTS)
     Note:
         Collective.
     """
-    rooms = {body.solid: body.room for body in model.heavy}
-    limits = [
-        math.sqrt(rooms.get(k, 1.0)) * measured_limit(model, dt, k, at=state, products=products)
-        for k in range(len(model.solids))
-    ]
+    limits = [measured_limit(model, dt, k, at=state, products=products) for k in range(len(model.solids))]
     return min(limits, default=math.inf)
 
 
 def measured_limit(
     model: Model, dt: float, number: int, *, at: State | None = None, products: int = PRODUCTS
 ) -> float:
-    """Return the largest stable step for the elastic forces, springs and dampers of one solid [s].
+    """Return the largest stable step for the elastic forces, springs, dampers and excess mass of one solid [s].
 
     Args:
         model: The model.
@@ -102,7 +98,8 @@ def measured_limit(
         return grid.comm.allreduce(float(np.vdot(a, b)))
 
     largest = _largest_eigenvalue(stiffness, mobility, dot, start, products)
-    return 2.0 / math.sqrt(largest) if largest > 0.0 else math.inf
+    room = next((body.room for body in model.heavy if body.solid == number), 1.0)
+    return 2.0 * math.sqrt(room / largest) if largest > 0.0 else math.inf
 
 
 def _largest_eigenvalue(

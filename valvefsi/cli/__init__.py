@@ -11,6 +11,7 @@ import os
 import sys
 import time
 import traceback
+import warnings
 from pathlib import Path
 from types import TracebackType
 from typing import Annotated, NoReturn
@@ -71,10 +72,16 @@ def _root(
         raise typer.Exit
 
 
+def _one_line(message: object, *_: object, **__: object) -> str:
+    """Return a warning as a user reads it, without the place in the code that gave it."""
+    return f"warning: {message}\n"
+
+
 def main() -> NoReturn:
     """Run the command line and leave with its exit code."""
     if _launched_rank() > 0:
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - open until the process ends
+    warnings.formatwarning = _one_line
     code = 0
     try:
         code = app(standalone_mode=False) or 0

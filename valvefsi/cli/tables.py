@@ -37,8 +37,10 @@ def show_result(result: Mapping[str, Any], comm: MPI.Comm, folder: Path | None =
         rows = [(name, number(value)) for name, value in result["last"].items()]
         print_table(console, "at the end", {"quantity": "left", "value": "right"}, rows)
     else:
-        rest = result
-    for name, value in _flat(rest):
+        rest = dict(result)
+    again = [("recovery", found["reason"]) for found in rest.pop("recoveries", ())]
+    again += [("warning", found["text"]) for found in rest.pop("warnings", ())]
+    for name, value in [*_flat(rest), *again]:
         if not name.startswith(("phases.", "timing.phases.")):
             console.print(f"{name}: {value}", highlight=False, soft_wrap=True, markup=False)
     if folder is not None:
