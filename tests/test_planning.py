@@ -61,7 +61,9 @@ def test_the_plan_states_sizes_limits_give_and_time(shared_tmp):
     assert entries["give of the tether on top_loaded, top_outer (x)"].value == 0.0
     assert entries["CFL limit: largest speed"].value == pytest.approx(0.5 * (40 / 24) / 0.02)
     measured = entries["step limit, measured at rest, block"]
-    assert measured.value == pytest.approx(entries["step limit, tether, block"].value, rel=0.3)  # what binds here
+    assert measured.value == pytest.approx(
+        entries["step limit, tether, block"].value, rel=0.3
+    )  # what binds here
     assert "unstable" not in measured.note
     for name in ("memory, all ranks", "time of a step", "expected time", "viscous limit"):
         assert entries[name].value > 0
