@@ -61,10 +61,11 @@ def test_a_material_with_families_is_read_in_cgs_and_written_so_that_it_reads_ba
 
 
 def test_the_solid_is_built_with_its_material_its_fibres_and_its_volumetric_term(comm):
-    solid = build(case_of(kappa=5e3, volumetric="quadratic"), comm)
+    solid = build(case_of(kappa=5e3, volumetric="quadratic", volumetric_degree=1), comm)
     assert solid.material.families[0].k1 == 2.4e5
     assert solid.volumetric.form == "quadratic"
     assert solid.kappa == 5e3
+    assert solid.discretisation.volumetric_degree == 1
     assert set(solid.mesh.fibres) == {"around"}
     F = solid.elasticity.force(1.2 * solid.X)
     assert np.isfinite(F).all()

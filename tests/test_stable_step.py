@@ -11,6 +11,7 @@ from tests.test_planning import largest_speed_after
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.planning import step_limits
+from valvefsi.solid.inertia import ExcessMass
 from valvefsi.stable_step import _largest_eigenvalue, measured_limit
 
 from .coupled_case import block_model
@@ -31,10 +32,16 @@ def stays_calm(model, dt):
         return False
 
 
-@pytest.mark.parametrize("kernel", ["piecewise_linear", "bspline3", "ib6"])
-def test_it_parts_what_is_stable_from_what_is_not(kernel):
+@pytest.mark.parametrize(
+    ("kernel", "density"), [("piecewise_linear", 1.0), ("bspline3", 1.0), ("ib6", 1.0), ("bspline3", 7.0)]
+)
+def test_it_parts_what_is_stable_from_what_is_not(kernel, density):
+    """Ties to the excess mass of a heavy block take a part of its limit."""
     model = block_model(load=2.0, tether=50.0)
     model = replace(model, couplings=(Coupling(model.grid, kernel),))
+    if density > 1.0:
+        excess = ExcessMass(0, model.solids[0], model.couplings[0], rho=model.fluid.rho, density=density)
+        model = replace(model, heavy=(excess,))
     limit = step_limits(model)["elastic, block"]
     assert measured_limit(model, limit, 0) > limit
     for _ in range(6):  # the step at which the dampers are taken
