@@ -22,7 +22,15 @@ DT = 0.02
 
 
 def block_model(
-    comm=MPI.COMM_WORLD, *, lid=0.0, tether=2e4, load=200.0, cells=24, elements=(8, 4), nu_stab=0.4
+    comm=MPI.COMM_WORLD,
+    *,
+    lid=0.0,
+    tether=2e4,
+    load=200.0,
+    cells=24,
+    elements=(8, 4),
+    nu_stab=0.4,
+    viscosity=0.0,
 ):
     """Block of Lee2020 E.1 on a coarse grid, loaded at once, under a lid that moves."""
     mesh = compressed_block(comm, elements=elements)
@@ -33,6 +41,7 @@ def block_model(
         nu_stab=nu_stab,
         discretisation=Discretisation(kernel="bspline3"),
         damping=4.0,
+        viscosity=viscosity,
         tethers=[
             Tether(on=("bottom",), components=("y",), stiffness=tether),
             Tether(on=("top_loaded", "top_outer"), components=("x",), stiffness=tether),

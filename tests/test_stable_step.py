@@ -50,6 +50,18 @@ def test_it_parts_what_is_stable_from_what_is_not(kernel, density):
     assert not stays_calm(model, 1.12 * limit)
 
 
+def test_the_viscosity_of_a_solid_is_in_it():
+    model = block_model(load=2.0, tether=50.0, viscosity=400.0)
+    limits = step_limits(model)
+    assert limits["viscosity, block"] < 0.3 * limits["elastic, block"]
+    limit = limits["viscosity, block"]
+    assert measured_limit(model, limit, 0) > limit
+    for _ in range(12):
+        limit = measured_limit(model, limit, 0)
+    assert stays_calm(model, 0.95 * limit)
+    assert not stays_calm(model, 1.12 * limit)
+
+
 def test_stiff_tethers_are_in_it():
     model = block_model(load=2.0)
     limit = step_limits(model)["tether, block"]

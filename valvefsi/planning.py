@@ -148,6 +148,10 @@ def step_limits(model: Model) -> dict[str, float]:
         mass = rho * max(1.0, h / (c * solid.thickness()))
         edge = stiff.smallest_edge
         limits[f"elastic, {solid.name}"] = edge * math.sqrt(room * mass / modulus / grid.dim)
+        if getattr(solid, "viscosity", None):
+            limits[f"viscosity, {solid.name}"] = (
+                room * mass * edge**2 / (4.0 * solid.viscosity.eta * grid.dim)
+            )
         springs: dict[str, float] = {}
         for tether in solid.tethers:
             mass = rho if tether.on is None else rho * h / c

@@ -175,6 +175,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
             nu_stab=given.nu_stab,
             discretisation=_discretisation(given),
             damping=given.damping,
+            viscosity=given.viscosity,
             tethers=_tethers(given),
             loads=_loads(given),
         )

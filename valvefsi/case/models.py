@@ -21,6 +21,7 @@ from valvefsi.case.quantities import (
     StepPerSpacing,
     Stress,
     Time,
+    Viscosity,
 )
 from valvefsi.case.table import Name, Table, problem
 from valvefsi.case.valve_tables import Housing, ValveShape
@@ -239,6 +240,12 @@ class Solid(Table):
         examples=["1.1 g/cm^3"],
     )
     damping: BodyDamping = Field(0.0, ge=0, description="Damping eta of the whole body, force density -eta U")
+    viscosity: Viscosity = Field(
+        0.0,
+        ge=0,
+        description="Viscosity of the solid on top of the fluid's (Kelvin-Voigt)",
+        examples=["100 P"],
+    )
     nu_stab: Annotated[float | None, BeforeValidator(_off)] = Field(
         0.4, description='Numerical Poisson ratio of the volumetric term, above -1 and below 0.5, or "off"'
     )

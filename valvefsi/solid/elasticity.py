@@ -14,7 +14,7 @@ import ufl
 from dolfinx import fem, la
 
 from valvefsi.solid.kinematics import Kinematics
-from valvefsi.solid.packing import PackedPosition
+from valvefsi.solid.packing import PackedFunctions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -65,7 +65,7 @@ class Elasticity:
         power = sum(ufl.inner(ufl.diff(W, F), ufl.grad(test)) * dX for W, dX in parts)
         self._force_form = compat.compile_form(-power)
         self._constants = compat.pack_constants(self._force_form)
-        self._coefficients = PackedPosition(self._force_form, self.position)
+        self._coefficients = PackedFunctions(self._force_form, self.position)
         self._energy_form = compat.compile_form(sum(W * dX for W, dX in parts))
         self._residual = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
         self._num_owned = space.dofmap.index_map.size_local

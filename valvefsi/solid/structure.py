@@ -21,6 +21,7 @@ from valvefsi.solid.lumping import lumped_weights, surface_area
 from valvefsi.solid.materials import Volumetric, kappa_stab, stabilisation
 from valvefsi.solid.moving_tether import MovingTether
 from valvefsi.solid.numbering import number_nodes
+from valvefsi.solid.viscosity import Viscosity
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -110,6 +111,7 @@ class Structure:
         nu_stab: Numerical Poisson ratio of the stabilisation (S22); None for off.
         discretisation: Degree, quadrature, kernel.
         damping: Body damping eta, not negative [dyn s/cm^4].
+        viscosity: Viscosity eta_s of the solid on top of the fluid's, not negative [dyn s/cm^2].
         tethers: Springs that hold it.
         loads: Dead loads.
 
@@ -126,11 +128,13 @@ class Structure:
         nu_stab: float | None = 0.4,
         discretisation: Discretisation = Discretisation(),
         damping: float = 0.0,
+        viscosity: float = 0.0,
         tethers: Sequence[Tether] = (),
         loads: Sequence[DeadLoad] = (),
     ) -> None:
-        if not damping >= 0:
-            raise CaseError("expected a number that is not negative", key="damping", value=damping)
+        for key, value in (("damping", damping), ("viscosity", viscosity)):
+            if not 0 <= value < np.inf:
+                raise CaseError("expected a number that is not negative", key=key, value=value)
         self.name, self.mesh, self.material = name, mesh, material
         self.discretisation, self.kernel = discretisation, discretisation.kernel
         self.damping, self.nu_stab = damping, nu_stab
@@ -145,6 +149,7 @@ class Structure:
         self._assemble_supports()
         degree = discretisation.quadrature_degree
         self.elasticity = Elasticity(self.space, material, self._volumetric_parts(), degree, mesh.fibres)
+        self.viscosity = Viscosity(self.space, viscosity, degree) if viscosity > 0 else None
 
     def _volumetric_parts(self) -> list[tuple[Volumetric, int]]:
         """Return the volumetric energies and the degrees of their quadratures."""
@@ -207,9 +212,10 @@ class Structure:
     def force(self, chi: Array, U: Array, t: float) -> Array:
         """Return the force on the nodes.
 
-            F_k = -int P : grad(phi_k) dX + ramp(t) int phi_k t dA + kappa w_k (X_k + d_k(t) - chi_k) - eta w_k U_k
+            F_k = -int (P + P_v) : grad(phi_k) dX + ramp(t) int phi_k t dA
+                  + kappa w_k (X_k + d_k(t) - chi_k) - eta w_k U_k
 
-        with d_k the displacement of the anchors of moving tethers, else 0.
+        with d_k the displacement of the anchors of moving tethers, else 0, and P_v the stress of `Viscosity`.
 
         Args:
             chi: Positions, ``(n, 3)`` [cm].
@@ -229,6 +235,8 @@ class Structure:
         for tether, held, spring in self._moving:
             F[held] += spring * tether.motion(self.X[held], tether.ramp(t))
         F[:, : self.dim] += self.elasticity.force(chi)
+        if self.viscosity:
+            F[:, : self.dim] += self.viscosity.force(chi, U)
         return F
 
     def jacobian(self, chi: Array) -> Array:
