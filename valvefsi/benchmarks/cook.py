@@ -3,6 +3,10 @@
 A tapered neo-Hookean panel in plane strain in a box of fluid of 10 x 10 cm. Its left edge is held by tethers; a dead
 shear traction acts on its right edge and grows smoothly over the first 40 % of the run. The displacement of the upper
 right corner is averaged over the last 20 %.
+
+The size of an element is the root of its mean area; the longest edges, at the bottom, are 1.7 times as long. With
+elements of one spacing they lie beyond what kernels bridge, and without the volumetric energy the fluid runs through
+between the nodes: the membrane yields without end. Elements of half a spacing hold with and without it.
 """
 
 from __future__ import annotations
@@ -31,9 +35,9 @@ PARAMETERS = {
     "c1": (250.0 / 3.0, "dyn/cm^2"),
     "rho": (1.0, "g/cm^3"),
     "mu": (0.16, "dyn*s/cm^2"),
-    "damping": (2.0, "dyn*s/cm^4"),
-    "t_end": (25.0, "s"),
-    "dt_per_h": (0.004, "s/cm"),
+    "damping": (5.0, "dyn*s/cm^4"),
+    "t_end": (20.0, "s"),
+    "dt_per_h": (0.008, "s/cm"),
     "tether_stiffness": (1.0e5, "dyn/cm^3"),
 }
 BOX, SHIFT, RAMP = 10.0, (-2.6, -2.0), 0.4
@@ -69,8 +73,7 @@ def simulation(numerics: Numerics, values: Mapping[str, float], folder: Path, co
     )
     grid = MacGrid(SHIFT, [s + BOX for s in SHIFT], [n, n], [False, False], comm)
     model = immersed_model(grid, Boundary(grid), solid, numerics, values)
-    dt = values["dt_per_h"] * BOX / n * min(1.0, numerics.ratio)
-    steps = round(values["t_end"] / dt)
+    steps = round(values["t_end"] * n / (values["dt_per_h"] * BOX))
     probe = Probe(name="corner", solid=0, at=COOK[2])
     output = Output(directory=folder, history_every=max(1, steps // 300), probes=(probe,))
     return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)

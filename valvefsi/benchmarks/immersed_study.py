@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
@@ -15,7 +16,11 @@ from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.errors import CaseError
 from valvefsi.simulation import Progress
 
+if TYPE_CHECKING:
+    from valvefsi.io.immersed_plots import Line
+
 BOTH = "both"
+KINDS = {True: "stabilised", False: "not stabilised"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +71,8 @@ class Study:
         more: ``more(values)`` further values to compare with and their sources.
         column: Column of the main quantity in the history.
         title: Heading of the picture.
+        mixed: ``mixed(values, numerics, comm)`` the incompressible answer on the mesh of one grid, to be drawn over the
+            grids; None where it is not computed.
     """
 
     problem: Problem
@@ -76,6 +83,7 @@ class Study:
     column: str
     title: str
     more: Callable[[Mapping[str, float]], Sequence[tuple[float | str, str]]] = lambda values: ()
+    mixed: Callable[[Mapping[str, float], Numerics, MPI.Comm], float] | None = None
 
 
 def run_study(
@@ -108,11 +116,12 @@ def run_study(
     runs = setup.runs()
     known, source = study.reference(values, runs[-1], comm)
     records = each_run(study.problem, runs, values, Path(out), comm=comm, progress=progress)
+    by_grid = {n.grid: study.mixed(values, n, comm) for n in runs} if study.mixed else {}
     result = {
         "benchmark": study.problem.name,
         "parameters": dict(values) | {"refine": setup.refine, "stabilised": setup.stabilised},
         "quantities": {_name(r): r["quantities"] for r in records},
-        "reference": {study.main[0]: known, "source": source},
+        "reference": {study.main[0]: known, "source": source, "same_mesh": by_grid},
         "runs": [{k: v for k, v in r.items() if k != "history"} for r in records],
         "table": _table(study, records, (known, source), values),
         "timing": {"wall_s": sum(r["wall_s"] for r in records)},
@@ -120,7 +129,7 @@ def run_study(
     }
     write_result(out, result, comm)
     if comm.rank == 0:
-        _draw(study, records, known, Path(out) / f"{study.problem.name}.png")
+        _draw(study, records, (known, by_grid), Path(out) / f"{study.problem.name}.png")
     comm.barrier()
     return result
 
@@ -135,7 +144,7 @@ def _name(record: Mapping) -> str:
 
 
 def _label(record: Mapping) -> str:
-    return f"N = {record['numerics']['grid']}, " + ("stabilised" if held(record) else "not stabilised")
+    return f"N = {record['numerics']['grid']}, {KINDS[held(record)]}"
 
 
 def _table(
@@ -167,7 +176,7 @@ def order_of(errors: Sequence[float], grids: Sequence[int]) -> float | None:
 
 def _orders(study: Study, records: Sequence[Mapping], known: float) -> list[dict[str, object]]:
     lines = []
-    for kind, text in ((True, "stabilised"), (False, "not stabilised")):
+    for kind, text in KINDS.items():
         series = [r for r in records if held(r) is kind and not r["failed"]]
         grids = [r["numerics"]["grid"] for r in series]
         for key, label, exact in (
@@ -192,33 +201,64 @@ def _gain(study: Study, records: Sequence[Mapping]) -> list[dict[str, object]]:
     return lines
 
 
-def _draw(study: Study, records: Sequence[Mapping], known: float, path: Path) -> None:
-    from valvefsi.io.immersed_plots import Line, Panel, panels
+def _draw(
+    study: Study, records: Sequence[Mapping], answers: tuple[float, Mapping[int, float]], path: Path
+) -> None:
+    """Draw both quantities over time and, with several grids, over the grids (as S4 and S5, c and d)."""
+    from valvefsi.io.immersed_plots import Panel, panels
+
+    known, by_grid = answers
+    _, label, unit = study.main
+    lines = {column: _over_time(records, column) for column in (study.column, study.change[0])}
+    same = {"reference": known, "reference_label": "incompressible statics"}
+    shown = [
+        Panel(lines=lines[study.column], xlabel="t [s]", ylabel=f"{label} [{unit}]", **same),
+        Panel(lines=lines[study.change[0]], xlabel="t [s]", ylabel=f"{study.change[1]} [%]", reference=0.0),
+    ]
+    if len({r["numerics"]["grid"] for r in records}) > 1:
+        main, change = (_over_grids(records, key) for key in (study.main[0], "change_percent"))
+        main += _mixed_line(by_grid)
+        size = f"size of the {study.change[1]} at the end [%]"
+        shown += [
+            Panel(lines=main, xlabel="cells N", ylabel=f"{label} [{unit}]", log="x", **same),
+            Panel(lines=change, xlabel="cells N", ylabel=size, log="xy"),
+        ]
+    n = records[0]["numerics"]
+    caption = f"{n['kernel']}, {n['coupling']}, elements of {n['ratio']:g} h"
+    panels(path, shown, title=study.title, caption=caption, columns=2)
+
+
+def _over_time(records: Sequence[Mapping], column: str) -> list[Line]:
+    from valvefsi.io.immersed_plots import Line
 
     grids = sorted({r["numerics"]["grid"] for r in records})
-
-    def lines(column: str, factor: float = 1.0) -> list[Line]:
-        return [
-            Line(
-                label=_label(r),
-                x=r["history"]["t_s"],
-                y=[factor * value for value in r["history"][column]],
-                colour=grids.index(r["numerics"]["grid"]),
-                style="-" if held(r) else "--",
-            )
-            for r in records
-        ]
-
-    _, label, unit = study.main
-    shown = [
-        Panel(
-            lines=lines(study.column),
-            xlabel="t [s]",
-            ylabel=f"{label} [{unit}]",
-            reference=known,
-            reference_label="incompressible statics",
-        ),
-        Panel(lines=lines(study.change[0]), xlabel="t [s]", ylabel=f"{study.change[1]} [%]", reference=0.0),
+    return [
+        Line(
+            label=_label(r),
+            x=r["history"]["t_s"],
+            y=r["history"][column],
+            colour=grids.index(r["numerics"]["grid"]),
+            style="-" if held(r) else "--",
+        )
+        for r in records
     ]
-    n = records[0]["numerics"]
-    panels(path, shown, title=study.title, caption=f"{n['kernel']}, {n['coupling']}, ratio {n['ratio']:g}")
+
+
+def _over_grids(records: Sequence[Mapping], key: str) -> list[Line]:
+    """Return a quantity over the cells, one line for each kind of run."""
+    from valvefsi.io.immersed_plots import Line
+
+    lines = []
+    for colour, (kind, text) in enumerate(KINDS.items()):
+        series = [r for r in records if held(r) is kind and not r["failed"]]
+        x, y = [r["numerics"]["grid"] for r in series], [r["quantities"][key] for r in series]
+        if series:
+            lines.append(Line(label=text, x=x, y=y, colour=colour, style="o-" if kind else "s--"))
+    return lines
+
+
+def _mixed_line(by_grid: Mapping[int, float]) -> list[Line]:
+    from valvefsi.io.immersed_plots import Line
+
+    x, y = list(by_grid), list(by_grid.values())
+    return [Line(label="mixed elements, same mesh", x=x, y=y, colour=2, style="^:")] if by_grid else []

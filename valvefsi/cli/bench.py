@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,18 +12,29 @@ from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
 from valvefsi.errors import CaseError
 
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
 bench = typer.Typer(help="Run a published benchmark and compare.", **HELP)
 
 
 @bench.command()
 def compression(
-    elements: Annotated[int, typer.Option(min=2, help="Elements along the block's 20 cm.")] = 32,
-    grid: Annotated[int, typer.Option(min=4, help="Cells along each edge of the box.")] = 64,
+    elements: Annotated[
+        int | None,
+        typer.Option(min=2, help="Elements along the block's 20 cm; 32, a series: as many as cells."),
+    ] = None,
+    grid: Annotated[
+        int | None, typer.Option(min=4, help="Cells along each edge of the box; 64, a series: 16 and finer.")
+    ] = None,
     kernel: Annotated[str, typer.Option(help="Kernel of the coupling.")] = "bspline3",
     nu_stab: Annotated[
         str,
         typer.Option("--nu-stab", metavar="V|off", help="Numerical Poisson ratio of the volumetric term."),
     ] = "0.4",
+    refine: Annotated[
+        int, typer.Option(min=0, max=4, help="Number of finer grids: a series, stabilised and not.")
+    ] = 0,
     overrides: Set = None,
     out: Out = None,
     plan: Plan = False,
@@ -35,6 +46,13 @@ def compression(
     from valvefsi.benchmarks import compression as benchmark
 
     comm = MPI.COMM_WORLD
+    if refine:
+        if plan:
+            raise CaseError("a plan is of one run", key="--plan", value="--refine")
+        numbers = {"elements": elements, "grid": grid, "kernel": kernel, "nu_stab": _nu_stab(nu_stab)}
+        _compression_series(numbers | {"refine": refine, "overrides": overrides or ()}, out, comm)
+        return
+    elements, grid = elements or 32, grid or 64
     folder = (
         out if out is not None else Path("results") / f"compression-M{elements}-N{grid}-{kernel}-{nu_stab}"
     )
@@ -55,6 +73,16 @@ def compression(
             progress=progress,
         )
     show_result(result, comm, None if plan else folder)
+
+
+def _compression_series(numbers: dict[str, object], out: Path | None, comm: MPI.Comm) -> None:
+    """Run the block on several grids; runs that the folder holds already are not run again."""
+    from valvefsi.benchmarks import compression_study as benchmark
+    from valvefsi.cli.immersed import shown
+
+    folder = out or Path("results") / "compression-series"
+    result = benchmark.run(benchmark.Series(**numbers), out=folder, comm=comm, progress=shown(comm))
+    show_result(result, comm, folder)
 
 
 @bench.command()

@@ -30,7 +30,7 @@ class Options:
     ] = None
     kernel: Annotated[str, typer.Option(help="Kernel of the coupling.")] = "bspline3"
     coupling: Annotated[str, typer.Option(help="nodal, elemental or lumped.")] = "nodal"
-    ratio: Annotated[float, typer.Option(min=0.1, max=4.0, help="Element size over grid spacing.")] = 1.0
+    ratio: Annotated[float, typer.Option(min=0.1, max=4.0, help="Element size over grid spacing.")] = 0.5
     nu_stab: Annotated[
         float, typer.Option("--nu-stab", help="Numerical Poisson ratio of stabilised runs.")
     ] = 0.4

@@ -64,32 +64,39 @@ class Panel:
     band: tuple[float, float] | None = None
 
 
-def panels(path: Path, shown: Sequence[Panel], *, title: str = "", caption: str = "") -> Path:
-    """Draw panels side by side under one heading.
+def panels(
+    path: Path, shown: Sequence[Panel], *, title: str = "", caption: str = "", columns: int | None = None
+) -> Path:
+    """Draw panels under one heading.
 
     Args:
         path: The picture.
         shown: The panels, one or more.
         title: Heading.
         caption: Line under the heading.
+        columns: Panels side by side; None for all in one row.
 
     Returns:
         The path.
     """
     many = max(len(panel.lines) for panel in shown) > MANY
-    width = 5.2 * len(shown) + (2.2 if many else 0.0)
+    across = min(columns or len(shown), len(shown))
+    rows = -(-len(shown) // across)
+    width, height = 5.2 * across + (2.2 if many else 0.0), 4.4 + 3.9 * (rows - 1)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(width, 4.4), dpi=160, facecolor="white")
-        every = figure.subplots(1, len(shown), squeeze=False)[0]
-        right = 1 - (2.4 if many else 0.15) / width
-        figure.subplots_adjust(left=0.75 / width, right=right, top=0.81, bottom=0.13, wspace=0.28)
-        for axes, panel in zip(every, shown, strict=True):
+        figure = Figure(figsize=(width, height), dpi=160, facecolor="white")
+        every = figure.subplots(rows, across, squeeze=False).ravel()
+        right, low, high = 1 - (2.4 if many else 0.15) / width, 0.57 / height, 1 - 0.84 / height
+        figure.subplots_adjust(left=0.75 / width, right=right, top=high, bottom=low, wspace=0.28, hspace=0.25)
+        for axes, panel in zip(every, shown, strict=False):
             _draw(axes, panel, legend=not many)
+        for axes in every[len(shown) :]:
+            axes.set_axis_off()
         if many:
             handles, labels = every[0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="center right", frameon=False, fontsize=8)
-        figure.text(0.03, 0.93, title, fontsize=12.5, fontweight="bold", va="baseline")
-        figure.text(0.03, 0.87, caption, fontsize=9.5, color=MUTED, va="baseline")
+        figure.text(0.03, 1 - 0.31 / height, title, fontsize=12.5, fontweight="bold", va="baseline")
+        figure.text(0.03, 1 - 0.57 / height, caption, fontsize=9.5, color=MUTED, va="baseline")
         return saved(figure, path)
 
 
