@@ -31,6 +31,7 @@ def block_model(
     elements=(8, 4),
     nu_stab=0.4,
     viscosity=0.0,
+    permeability=0.0,
 ):
     """Block of Lee2020 E.1 on a coarse grid, loaded at once, under a lid that moves."""
     mesh = compressed_block(comm, elements=elements)
@@ -42,6 +43,7 @@ def block_model(
         discretisation=Discretisation(kernel="bspline3"),
         damping=4.0,
         viscosity=viscosity,
+        permeability=permeability,
         tethers=[
             Tether(on=("bottom",), components=("y",), stiffness=tether),
             Tether(on=("top_loaded", "top_outer"), components=("x",), stiffness=tether),

@@ -98,6 +98,8 @@ class Model:
         rigid: The rigid surfaces.
         transfers: Transfer of each of them, at its points.
         heavy: The excess mass of the solids that are denser than the fluid.
+        seepage: For solids that the fluid can pass through, by number: how fast a node slips through it per force,
+            ``(num_nodes,)`` [cm/(dyn s)].
     """
 
     grid: MacGrid
@@ -108,6 +110,7 @@ class Model:
     rigid: tuple[Held, ...] = ()
     transfers: tuple[Transfer, ...] = ()
     heavy: tuple[ExcessMass, ...] = ()
+    seepage: Mapping[int, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +187,8 @@ def step(model: Model, s: State, dt: float) -> State:
         StabilityError: A node has left the box or is within its kernel's reach of an open side.
 
     Note:
-        Collective. Second order in time, first order with a circulation; the velocity is solenoidal to round-off.
+        Collective. Second order in time, first order with a circulation, dampers or seepage; the velocity is
+        solenoidal to round-off.
     """
     # 1. move the solids half a step with the velocity they feel now
     U = [c.at(chi).interpolate(s.u) for c, chi in zip(model.couplings, s.chi, strict=True)]
@@ -208,9 +212,12 @@ def step(model: Model, s: State, dt: float) -> State:
     N = model.fluid.advection(s.u)
     pressures = model.circulation.pressures(s.circuits, s.t) if model.circulation else None
     u, p = model.fluid.step(s.u, s.p, (N, s.N, dt / s.dt), f, s.t, dt, pressures)
-    # 4. move the solids the whole step with the midpoint velocity
+    # 4. move the solids the whole step with the midpoint velocity, and with what they slip through the fluid
     u_half = tuple(0.5 * (a + b) for a, b in zip(s.u, u, strict=True))
-    chi = tuple(chi + dt * t.interpolate(u_half) for chi, t in zip(s.chi, T, strict=True))
+    V = [t.interpolate(u_half) for t in T]
+    for k, mobility in model.seepage.items():
+        V[k] += mobility[:, None] * F[k]
+    chi = tuple(chi + dt * v for chi, v in zip(s.chi, V, strict=True))
     carried = tuple(
         d + dt * transfer.interpolate(u_half) for d, transfer in zip(s.carried, model.transfers, strict=True)
     )

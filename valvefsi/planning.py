@@ -152,6 +152,8 @@ def step_limits(model: Model) -> dict[str, float]:
             limits[f"viscosity, {solid.name}"] = (
                 room * mass * edge**2 / (4.0 * solid.viscosity.eta * grid.dim)
             )
+        if getattr(solid, "permeability", 0.0) > 0:
+            limits[f"seepage, {solid.name}"] = edge**2 / (2.0 * solid.permeability * modulus * grid.dim)
         springs: dict[str, float] = {}
         for tether in solid.tethers:
             mass = rho if tether.on is None else rho * h / c

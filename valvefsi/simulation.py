@@ -372,4 +372,5 @@ def timed(model: Model, table: dict[str, float]) -> Model:
             for t in model.transfers
         ),
         heavy=model.heavy,
+        seepage=model.seepage,
     )

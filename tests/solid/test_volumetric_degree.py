@@ -10,7 +10,7 @@ from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure
 
-MATERIAL = NeoHookean(c1=3.0)  # W = c1 (I1_bar - 3)
+MATERIAL = NeoHookean(c1=3.0)
 KAPPA = 5e4
 
 

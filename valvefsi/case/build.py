@@ -68,6 +68,7 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
         rigid=rigid,
         transfers=transfers,
         heavy=_heavy(case, solids, couplings),
+        seepage={k: solid.mobility() for k, solid in enumerate(solids) if solid.permeability > 0},
     )
     return Simulation(model, _schedule(case), _output(case, out, grid))
 
@@ -176,6 +177,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
             discretisation=_discretisation(given),
             damping=given.damping,
             viscosity=given.viscosity,
+            permeability=given.permeability,
             tethers=_tethers(given),
             loads=_loads(given),
         )

@@ -17,6 +17,7 @@ from valvefsi.case.quantities import (
     BodyDamping,
     Density,
     Length,
+    Permeability,
     Quantity,
     StepPerSpacing,
     Stress,
@@ -245,6 +246,12 @@ class Solid(Table):
         ge=0,
         description="Viscosity of the solid on top of the fluid's (Kelvin-Voigt)",
         examples=["100 P"],
+    )
+    permeability: Permeability = Field(
+        0.0,
+        ge=0,
+        description="Hydraulic permeability k: the solid slips with k f through the fluid under a force density f",
+        examples=["1e-10 cm^4/(dyn*s)"],
     )
     nu_stab: Annotated[float | None, BeforeValidator(_off)] = Field(
         0.4, description='Numerical Poisson ratio of the volumetric term, above -1 and below 0.5, or "off"'

@@ -131,6 +131,7 @@ Density = Annotated[float, Quantity("g/cm^3")]
 Viscosity = Annotated[float, Quantity("dyn*s/cm^2")]
 Stress = Annotated[float, Quantity("dyn/cm^2")]
 BodyDamping = Annotated[float, Quantity("dyn*s/cm^4")]
+Permeability = Annotated[float, Quantity("cm^4/(dyn*s)")]
 Angle = Annotated[float, Quantity("deg")]
 StepPerSpacing = Annotated[float, Quantity("s/cm")]
 

@@ -112,6 +112,8 @@ class Structure:
         discretisation: Degree, quadrature, kernel.
         damping: Body damping eta, not negative [dyn s/cm^4].
         viscosity: Viscosity eta_s of the solid on top of the fluid's, not negative [dyn s/cm^2].
+        permeability: Hydraulic permeability k, not negative [cm^4/(dyn s)]: under a force density f the body slips
+            with k f through the fluid in it, as porous tissue does (Mow et al. 1980); 0 is no slip.
         tethers: Springs that hold it.
         loads: Dead loads.
 
@@ -129,15 +131,17 @@ class Structure:
         discretisation: Discretisation = Discretisation(),
         damping: float = 0.0,
         viscosity: float = 0.0,
+        permeability: float = 0.0,
         tethers: Sequence[Tether] = (),
         loads: Sequence[DeadLoad] = (),
     ) -> None:
-        for key, value in (("damping", damping), ("viscosity", viscosity)):
+        given = {"damping": damping, "viscosity": viscosity, "permeability": permeability}
+        for key, value in given.items():
             if not 0 <= value < np.inf:
                 raise CaseError("expected a number that is not negative", key=key, value=value)
         self.name, self.mesh, self.material = name, mesh, material
         self.discretisation, self.kernel = discretisation, discretisation.kernel
-        self.damping, self.nu_stab = damping, nu_stab
+        self.damping, self.permeability, self.nu_stab = damping, permeability, nu_stab
         self.tethers, self.loads = tuple(tethers), tuple(loads)
         self.comm, self.dim = mesh.mesh.comm, mesh.mesh.geometry.dim
         self.volumetric = stabilisation(material, nu_stab, discretisation.volumetric, discretisation.kappa)
@@ -238,6 +242,10 @@ class Structure:
         if self.viscosity:
             F[:, : self.dim] += self.viscosity.force(chi, U)
         return F
+
+    def mobility(self) -> Array:
+        """Return how fast each node slips through the fluid per force, k / w_k, ``(n,)`` [cm/(dyn s)]."""
+        return self.permeability / self.weights
 
     def jacobian(self, chi: Array) -> Array:
         """Return J at all quadrature points of this rank, one-dimensional (collective)."""
