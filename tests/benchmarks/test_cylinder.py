@@ -23,6 +23,13 @@ def test_drag_lift_and_frequency_of_a_known_signal_are_read_off():
     assert found["strouhal"] == pytest.approx(0.17, rel=1e-5)
 
 
+def test_the_amplitude_of_an_irregular_lift_is_the_mean_over_its_periods():
+    t = np.linspace(0.0, 300.0, 60001)
+    swell = 1.0 + 0.1 * np.sin(2 * np.pi * 0.17 / 17 * t)
+    found = numbers(t, np.ones_like(t), 0.33 * swell * np.sin(2 * np.pi * 0.17 * t))
+    assert found["lift"] == pytest.approx(0.33, rel=5e-3)
+
+
 def test_a_held_ring_pulls_back():
     ring = HeldRing(X=np.array([[1.0, 2.0, 0.5]]), weight=0.1, stiffness=3.0, damping=2.0)
     F = ring.force(np.array([[1.5, 2.0, 0.5]]), np.array([[0.0, 1.0, 0.0]]), 0.0)

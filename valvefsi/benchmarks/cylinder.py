@@ -10,6 +10,7 @@ circle, which removes most of it (Breugem 2012: 0.3 h for his kernel of three po
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -196,7 +197,7 @@ def march(
 
 
 def numbers(t: Array, drag: Array, lift: Array) -> dict[str, float]:
-    """Mean drag, amplitude of the lift and its frequency over the whole periods of the last third of a record."""
+    """Mean drag, amplitude of the lift (mean over periods) and its frequency, in the last third of a record."""
     late = t > t[0] + 2.0 / 3.0 * (t[-1] - t[0])
     t, drag, lift = t[late], drag[late], lift[late]
     away = lift - lift.mean()
@@ -204,10 +205,10 @@ def numbers(t: Array, drag: Array, lift: Array) -> dict[str, float]:
     if len(up) < 3:
         return {"drag": float(drag.mean()), "lift": float(np.abs(away).max()), "strouhal": float("nan")}
     crossing = t[up] - away[up] * (t[up + 1] - t[up]) / (away[up + 1] - away[up])
-    whole = slice(up[0], up[-1])
+    periods = [lift[first:last] for first, last in itertools.pairwise(up)]
     return {
-        "drag": float(drag[whole].mean()),
-        "lift": float(0.5 * (lift[whole].max() - lift[whole].min())),
+        "drag": float(drag[up[0] : up[-1]].mean()),
+        "lift": float(np.mean([0.5 * (period.max() - period.min()) for period in periods])),
         "strouhal": float((len(up) - 1) / (crossing[-1] - crossing[0])),
     }
 

@@ -78,8 +78,11 @@ def forces(
                 for sign in (1, -1) if key == "lift" else (1,):
                     label = "published" if sign == 1 else None
                     axes.axhspan(*sorted((sign * low, sign * high)), color=LINES[1], alpha=0.5, label=label)
-                axes.legend(frameon=False, loc="lower right", labelcolor=MUTED)
             axes.set_ylabel(f"{key} coefficient")
+        if ranges:
+            above.legend(
+                frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderpad=0.2, labelcolor=MUTED
+            )
         below.set(xlabel="t U / D", xlim=(0, t[-1]))
         figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
         return saved(figure, path)
