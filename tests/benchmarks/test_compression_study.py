@@ -46,9 +46,11 @@ def test_the_series_comes_closer_with_the_grid_and_keeps_more_of_its_area(shared
     assert result["reference"]["same_mesh"][16] == pytest.approx(REFERENCE, rel=1e-3)
     for coarse, fine in (found[:2], found[2:]):
         assert fine["change_percent"] < 0.5 * coarse["change_percent"]
+        assert fine["change_percent"] <= fine["largest_change_percent"]
         errors = [abs(q["u_y_top_centre_cm"] - REFERENCE) for q in (coarse, fine)]
         assert errors[1] < 0.5 * errors[0]
     labels = [line["quantity"] for line in result["table"]]
+    assert labels.count("  the most during the run") == 4
     assert "observed order, area change, stabilised" in labels
     assert "u_y of the top centre, N = 16, not stabilised" in labels
     if comm.rank == 0:

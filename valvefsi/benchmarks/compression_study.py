@@ -146,6 +146,7 @@ def quantities(history: Mapping[str, np.ndarray], values: Mapping[str, object]) 
     return {
         "u_y_top_centre_cm": late_mean(history, "u_y_top_centre_cm"),
         "change_percent": late_size(history, "block_area_change_percent"),
+        "largest_change_percent": float(np.abs(history["block_area_change_percent"]).max()),
         "area_change_percent": late_mean(history, "block_area_change_percent"),
         "J_min": float(history["block_J_min"][late].min()),
         "J_max": float(history["block_J_max"][late].max()),

@@ -161,6 +161,9 @@ def _table(
         lines.append(
             row(f"  {study.change[1]}", q["change_percent"], 0.0, "incompressible", unit="%", relative=False)
         )
+        if "largest_change_percent" in q:
+            most = {"reference": 0.0, "source": "incompressible", "unit": "%", "relative": False}
+            lines.append(row("  the most during the run", q["largest_change_percent"], **most))
         lines.append(row("  J, smallest ... largest", f"{q['J_min']:.2f} ... {q['J_max']:.2f}"))
     for value, source in study.more(values):
         lines.append(row(f"{label}, elsewhere", value, source=source, unit=unit))
