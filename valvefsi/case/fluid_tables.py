@@ -212,6 +212,11 @@ class Side(Table):
         description="Part of the dynamic pressure that fluid coming in through an open side loses; 1 is stable, 0 "
         "keeps the pressure on the side itself",
     )
+    mean_pressure: bool = Field(
+        False,
+        description="Whether the pressure of an open side is the mean over it: what fluid coming in loses is given "
+        "back evenly",
+    )
     centre: tuple[Length, ...] = Field(
         (), description="mixed only: centre of the open disk, one entry per dimension"
     )
@@ -228,7 +233,7 @@ class Side(Table):
             "free_slip": set(),
             "periodic": {"velocity"},
         }
-        opened = {"pressure", "pressure_expression", "backflow", "table", "circuit"}
+        opened = {"pressure", "pressure_expression", "backflow", "mean_pressure", "table", "circuit"}
         allowed |= {"open": opened, "mixed": opened | {"centre", "radius"}}
         for key in self.model_fields_set - {"type"} - allowed[self.type]:
             if getattr(self, key) != type(self).model_fields[key].default:

@@ -92,7 +92,7 @@ def _side(side: Side, case: Case, dim: int, key: str) -> boundary.Side:
     pressure = side.pressure
     if side.pressure_expression:
         pressure = _function(side.pressure_expression, table, case, f"{key}.pressure_expression")
-    opened = boundary.Open(pressure=pressure, backflow=side.backflow)
+    opened = boundary.Open(pressure=pressure, backflow=side.backflow, mean_pressure=side.mean_pressure)
     if side.type == "open":
         return opened
     centre = (*side.centre, 0.0)[:3]

@@ -53,6 +53,18 @@ class _Place:
         """Whether any of its faces is open, on any rank."""
         return isinstance(self.side, Open | Mixed)
 
+    @property
+    def opening(self) -> Open:
+        """What holds on its open part."""
+        return self.side.open if isinstance(self.side, Mixed) else self.side
+
+    def loss(self, u: Faces, rho: float) -> Array | float:
+        """What the pressure on its faces loses where fluid comes in, ``(.., 1, ..)`` [dyn/cm^2]."""
+        if not self.opening.backflow > 0.0:
+            return 0.0
+        outward = u[self.axis][self.at(self.face)] * (1.0 if self.upper else -1.0)
+        return 0.5 * self.opening.backflow * rho * np.square(np.minimum(outward, 0.0))
+
 
 class Boundary:
     """Sets boundary faces and ghost values of velocity and pressure.
@@ -264,23 +276,33 @@ class Boundary:
             rho: Density [g/cm^3].
             t: Time of the given pressures [s].
             pressures: Pressure by name of the side, in place of its own [dyn/cm^2].
+
+        Note:
+            Collective.
         """
+        given_back = self._mean_losses(u, rho)
         for place in self.places:
             if place.is_open and place.here:
-                value = self._side_pressure(place, u, rho, t, pressures)
+                value = self._side_pressure(place, t, pressures) - place.loss(u, rho)
+                value = value + given_back.get(place.name, 0.0)
                 p[place.at(place.outside)] = 2.0 * value - p[place.at(place.inside)]
 
-    def _side_pressure(
-        self, place: _Place, u: Faces, rho: float, t: float, pressures: Mapping[str, float] | None
-    ) -> Array | float:
-        """Pressure on an open side, a number or ``(.., 1, ..)`` of local entries [dyn/cm^2]."""
-        side = place.side.open if isinstance(place.side, Mixed) else place.side
-        given = (pressures or {}).get(place.name, side.pressure)
-        value = given(*self._points(place.axis, place.upper), t) if callable(given) else given
-        if side.backflow > 0.0:
-            outward = u[place.axis][place.at(place.face)] * (1.0 if place.upper else -1.0)
-            value = value - 0.5 * side.backflow * rho * np.square(np.minimum(outward, 0.0))
-        return value
+    def _side_pressure(self, place: _Place, t: float, pressures: Mapping[str, float] | None) -> Array | float:
+        """Pressure given on an open side, a number or ``(.., 1, ..)`` of local entries [dyn/cm^2]."""
+        given = (pressures or {}).get(place.name, place.opening.pressure)
+        return given(*self._points(place.axis, place.upper), t) if callable(given) else given
+
+    def _mean_losses(self, u: Faces, rho: float) -> dict[str, float]:
+        """Mean over the open part of what is lost, for sides whose pressure is a mean [dyn/cm^2]. Collective."""
+        places = [p for p in self.places if p.is_open and p.opening.mean_pressure]
+        if not places:
+            return {}
+        sums = [
+            (self._integral(place, place.loss(u, rho)), self._integral(place, 1.0 * place.open))
+            for place in places
+        ]
+        lost, area = self.grid.comm.allreduce(np.array(sums)).T
+        return dict(zip((place.name for place in places), (lost / area).tolist(), strict=True))
 
     def extend_pressure(
         self, p: Array, u: Faces, rho: float, t: float, pressures: Mapping[str, float] | None = None
@@ -299,8 +321,11 @@ class Boundary:
 
         Returns:
             Each open side that this rank touches, with the given pressure less the extended one, zero on walls.
+
+        Note:
+            Collective.
         """
-        missing = []
+        missing, given_back = [], self._mean_losses(u, rho)
         for place in self.places:
             if not place.is_open or not place.here:
                 continue
@@ -310,7 +335,11 @@ class Boundary:
             gap = gaps[place.inside + (1 if inward > 0 else 0)]
             side = first + (first - second) * (0.5 * widths[place.inside] / gap)
             p[place.at(place.outside)] = 2.0 * side - first
-            value = self._side_pressure(place, u, rho, t, pressures)
+            value = (
+                self._side_pressure(place, t, pressures)
+                - place.loss(u, rho)
+                + given_back.get(place.name, 0.0)
+            )
             missing.append((place, np.where(place.open, value - side, 0.0)))
         return missing
 
@@ -347,17 +376,18 @@ class Boundary:
 
     def outflow(self, u: Faces, name: str) -> float:
         """Return the flow out of the box through a side, integral of u_n dA [cm^3/s] (collective)."""
-        place, grid = self.place(name), self.grid
-        local = 0.0
-        if place.here:
-            owned = tuple(
-                slice(place.face, place.face + 1) if a == place.axis else s for a, s in enumerate(grid.owned)
-            )
-            area = np.ones((1, 1, 1))
-            for a in range(3):
-                if a != place.axis:
-                    area = area * grid.widths[a][grid.owned[a]].reshape(
-                        [-1 if a == b else 1 for b in range(3)]
-                    )
-            local = float((u[place.axis][owned] * area).sum()) * (1.0 if place.upper else -1.0)
-        return grid.comm.allreduce(local)
+        place = self.place(name)
+        local = self._integral(place, u[place.axis][place.at(place.face)]) * (1.0 if place.upper else -1.0)
+        return self.grid.comm.allreduce(local)
+
+    def _integral(self, place: _Place, values: Array | float) -> float:
+        """Integral over this rank's part of a side of ``(.., 1, ..)`` local entries."""
+        if not place.here:
+            return 0.0
+        grid, others = self.grid, [a for a in range(3) if a != place.axis]
+        area = np.ones((1, 1, 1))
+        for a in others:
+            area = area * grid.widths[a][grid.owned[a]].reshape([-1 if a == b else 1 for b in range(3)])
+        shape = [1 if a == place.axis else grid.shape[a] for a in range(3)]
+        owned = tuple(slice(0, 1) if a == place.axis else grid.owned[a] for a in range(3))
+        return float((np.broadcast_to(values, shape)[owned] * area).sum())

@@ -49,6 +49,7 @@ class Open:
 
     pressure: float | Pressure = 0.0
     backflow: float = 1.0
+    mean_pressure: bool = False
 
     def __post_init__(self) -> None:
         """Check the fraction."""
