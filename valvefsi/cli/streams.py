@@ -1,4 +1,4 @@
-"""``valvefsi bench taylor-green``, ``cylinder``, ``channel`` and ``cavity``: flows without deformable solids."""
+"""``valvefsi bench taylor-green``, ``cylinder``, ``channel``, ``cavity`` and ``plug``: no deformable solids."""
 
 from __future__ import annotations
 
@@ -55,6 +55,12 @@ def cavity(
 ) -> None:
     """Steady flow in a cavity with a sliding lid against a published table."""
     _run("cavity", out, reynolds=reynolds, cells=grid, overrides=overrides or ())
+
+
+@streams.command("plug")
+def plug(overrides: Set = None, out: Out = None) -> None:
+    """What leaks through the aortic test section, shut by a plug, under 100 mmHg."""
+    _run("plug", out, overrides=overrides or ())
 
 
 def _run(name: str, out: Path | None, **options: object) -> None:

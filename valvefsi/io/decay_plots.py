@@ -1,10 +1,11 @@
-"""Pictures of a flow that loses its energy."""
+"""Pictures of flows over time: energy that is lost, forces, profiles, leaks."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -148,4 +149,35 @@ def centre_lines(
             axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
         figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
         figure.subplots_adjust(top=0.86, bottom=0.16, wspace=0.3)
+        return saved(figure, path)
+
+
+def leak(path: Path, t: NDArray, flow: NDArray, late: float, *, title: str = "") -> Path:
+    """Draw a leak over time, its size on a logarithmic axis, and its running mean.
+
+    Args:
+        path: The picture, PNG or PDF.
+        t: Times, ``(n,)`` [s].
+        flow: Leak, ``(n,)`` [cm^3/s].
+        late: Part of the run, up to its end, that is averaged.
+        title: Heading.
+
+    Returns:
+        The path.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 4.2), dpi=160, facecolor="white")
+        axes = figure.subplots()
+        axes.semilogy(1e3 * t, np.abs(flow), color=LINES[0], linewidth=0.6, alpha=0.5, label="flow, its size")
+        width = max(1, len(flow) // 20)
+        mean = np.convolve(flow, np.full(width, 1.0 / width), mode="valid")
+        axes.semilogy(
+            1e3 * t[width - 1 :], np.abs(mean), color=INK, linewidth=1.4, label="mean of a twentieth"
+        )
+        axes.axvspan(1e3 * (1.0 - late) * t[-1], 1e3 * t[-1], color=MUTED, alpha=0.12, linewidth=0)
+        average = abs(flow[-max(1, round(late * len(flow))) :].mean())
+        axes.axhline(average, color=LINES[1], linewidth=1.0, label=f"last part: {average:.3g} ml/s")
+        axes.set(xlabel="t [ms]", ylabel="leak [ml/s]", xlim=(0, 1e3 * t[-1]))
+        axes.legend(frameon=False, loc="upper right", labelcolor=MUTED)
+        figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
         return saved(figure, path)
