@@ -49,7 +49,7 @@ RUNS = {
     "compression": of(compression, elements=8, grid=16, overrides=["t_end=0.1"]),
     "shell": of(shell, grid=24, refine=0, couplings=("nodal", "elemental"), overrides=["t_end=0.02"]),
     "sphere-in-cavity": cavity(3, 4),
-    "disk-in-cavity": cavity(2, 10),
+    "disk-in-cavity": cavity(2, 40),
     "kernels": of(
         kernels,
         problems=("shell",),
