@@ -92,8 +92,16 @@ def test_every_type_of_side_is_built(case):
     assert isinstance(places["x_lower"], Mixed)
     assert places["x_lower"].open.pressure(0.0, 0.25, 0.0, 0.25) == pytest.approx(1000.25)
     assert isinstance(places["x_upper"], Open)
+    assert not places["x_upper"].mean_pressure
     assert isinstance(places["y_lower"], Wall)
     assert isinstance(places["y_upper"], FreeSlip)
+
+
+def test_an_open_side_takes_its_pressure_in_the_mean(case):
+    loaded = case('type = "open"\nbackflow = 0.5\nmean_pressure = true')
+    side = build(loaded, Path()).model.fluid.boundary.place("x_lower").side
+    assert side.mean_pressure
+    assert side.backflow == 0.5
 
 
 def test_the_viscous_scheme_follows_the_step(case):
@@ -123,6 +131,7 @@ def test_a_graded_grid_comes_from_spacings(case):
 
 
 WRONG = {
+    'type = "open"\nbackflow = 0\nmean_pressure = true': "mean_pressure = True: nothing is lost to give back",
     'type = "open"\nvelocity = [1, 0]': "velocity = (1.0, 0.0): a side of type 'open' has no such key",
     'type = "mixed"\ncentre = [0, 0]': "needs centre and radius",
     'type = "mixed"\ncentre = [0]\nradius = 1': "fluid.sides.x_lower.centre = [0.0]: expected 2 entries",

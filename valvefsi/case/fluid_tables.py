@@ -245,6 +245,8 @@ class Side(Table):
                 raise problem(f"give {key} or {other}, not both", other, getattr(self, other))
         if self.circuit and (self.pressure or self.pressure_expression):
             raise problem("give a pressure or the circuit that gives it, not both", "circuit", self.circuit)
+        if self.mean_pressure and self.backflow == 0.0:
+            raise problem("nothing is lost to give back; give a backflow above 0", "mean_pressure", True)
         if self.type == "mixed" and (not self.centre or self.radius is None):
             raise problem("a mixed side needs centre and radius", "centre", list(self.centre))
         self._check_expressions()
