@@ -10,13 +10,31 @@ two of one point less, the velocity they interpolate from a solenoidal field on 
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 
 import numba
 import numpy as np
 
 Array = np.ndarray
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
+INDEX = np.uint64  # of a place that is not negative: no code for counting from the end
+
+
+def vectors(compiled: Callable) -> Callable:
+    """Let the compiler make vectors of sums that are written out, which numba leaves off: twice as fast here."""
+
+    @functools.wraps(compiled)
+    def call(*args: object) -> None:
+        before, numba.config.SLP_VECTORIZE = numba.config.SLP_VECTORIZE, 1
+        try:
+            compiled(*args)
+        finally:
+            numba.config.SLP_VECTORIZE = before
+
+    return call
+
 
 BSPLINE, IB3, IB4, IB5, IB6 = range(5)
 
@@ -126,11 +144,16 @@ def ib6(w: Array, r: float) -> None:
 
 
 @kernel
+def place_at(points: int, s: float) -> tuple[int, float]:
+    """Return the lowest grid position that the kernel reaches from ``s`` (in spacings), and s from the middle one."""
+    middle = math.floor(s) if points % 2 == 0 else math.floor(s + 0.5)
+    return int(middle) - (points - 1) // 2, s - middle
+
+
+@kernel
 def weights_at(w: Array, family: int, points: int, s: float) -> int:
     """Write the kernel's values at the grid positions around ``s`` (in spacings); return the lowest position."""
-    middle = math.floor(s) if points % 2 == 0 else math.floor(s + 0.5)
-    lowest = int(middle) - (points - 1) // 2
-    r = s - middle
+    lowest, r = place_at(points, s)
     if family == BSPLINE:
         bspline(w, points, r if points % 2 == 0 else r + 0.5)
     elif family == IB3:
@@ -145,55 +168,98 @@ def weights_at(w: Array, family: int, points: int, s: float) -> int:
 
 
 @kernel
+def extent(x: Array) -> Array:
+    """Return the lowest and the highest coordinates of the points, ``(2, dim)``, NaN where one is NaN."""
+    ends = np.empty((2, x.shape[1]))
+    ends[0], ends[1] = math.inf, -math.inf
+    for q in range(x.shape[0]):
+        for axis in range(x.shape[1]):
+            s = x[q, axis]
+            ends[0, axis] = ends[0, axis] if ends[0, axis] <= s else s
+            ends[1, axis] = ends[1, axis] if ends[1, axis] >= s else s
+            if math.isnan(s):
+                return np.full((2, x.shape[1]), math.nan)
+    return ends
+
+
+@kernel
 def prepare(base: Array, w: Array, x: Array, kind: tuple, grid: tuple) -> None:
     """Weights of all points on faces (0) and centres (1) along each axis.
 
-    base[axis, s, q] is the first local index, w[axis, s, q, :] the weights; an axis of one cell has weight one.
+    base[q, axis, s] is the first local index, w[q, axis, s, :] the weights; an axis of one cell has weight one. The
+    kernel most in use has a loop of its own, into which the compiler takes its formula.
     """
     family, normal, tangential = kind
     origin, inv_h, offset, dim = grid  # offset: local index of global entry 0
-    for axis in range(dim):
-        for s in range(2):
-            points = normal if s == 0 else tangential
-            for q in range(x.shape[0]):
-                position = (x[q, axis] - origin[axis]) * inv_h[axis] - 0.5 * s
-                base[axis, s, q] = weights_at(w[axis, s, q], family, points, position) + offset[axis]
-    if dim == 2:
-        for q in range(x.shape[0]):
-            base[2, 1, q] = 0
-            w[2, 1, q, 0] = 1.0
+    for q in range(x.shape[0]):
+        for axis in range(dim):
+            s = (x[q, axis] - origin[axis]) * inv_h[axis]
+            for side in range(2):
+                if family == IB4:
+                    lowest, r = place_at(4, s - 0.5 * side)
+                    ib4(w[q, axis, side], r)
+                else:
+                    points = normal if side == 0 else tangential
+                    lowest = weights_at(w[q, axis, side], family, points, s - 0.5 * side)
+                base[q, axis, side] = lowest + offset[axis]
+        if dim == 2:
+            base[q, 2, 1] = 0
+            w[q, 2, 1, 0] = 1.0
 
 
+@vectors
 @kernel
-def spread(f: Array, base: Array, w: Array, F: Array, d: int, kind: tuple, dim: int) -> None:
-    """Spread component d, f(x) += sum_q F_d(q) w0 w1 w2, the weights of axis d being those on faces."""
+def spread(f: Array, base: Array, w: Array, F: Array, d: int, scale: float, kind: tuple, row: tuple) -> None:
+    """Spread component d, f(x) += scale sum_q F_d(q) w0 w1 w2, the weights of axis d being those on faces.
+
+    The length of ``row`` is the kernel's along the last axis. The compiler knows it, and only where nothing is read
+    between the sums that are written out does it make vectors of them.
+    """
     normal, tangential = kind[1], kind[2]
-    n0, n1 = normal if d == 0 else tangential, normal if d == 1 else tangential
-    n2 = 1 if dim == 2 else (normal if d == 2 else tangential)
+    n0, n1, n2 = normal if d == 0 else tangential, normal if d == 1 else tangential, len(row)
     s0, s1, s2 = int(d != 0), int(d != 1), int(d != 2)
     for q in range(F.shape[0]):
-        i0, j0, k0 = base[0, s0, q], base[1, s1, q], base[2, s2, q]
+        i0, j0, k0 = base[q, 0, s0], base[q, 1, s1], base[q, 2, s2]
+        g = scale * F[q, d]
+        c0 = g * w[q, 2, s2, 0]
+        c1 = g * w[q, 2, s2, 1] if n2 > 1 else 0.0
+        c2 = g * w[q, 2, s2, 2] if n2 > 2 else 0.0
+        c3 = g * w[q, 2, s2, 3] if n2 > 3 else 0.0
+        c4 = g * w[q, 2, s2, 4] if n2 > 4 else 0.0
+        c5 = g * w[q, 2, s2, 5] if n2 > 5 else 0.0
         for i in range(n0):
-            a = F[q, d] * w[0, s0, q, i]
             for j in range(n1):
-                b = a * w[1, s1, q, j]
-                for k in range(n2):
-                    f[i0 + i, j0 + j, k0 + k] += b * w[2, s2, q, k]
+                b = w[q, 0, s0, i] * w[q, 1, s1, j]
+                x, y = INDEX(i0 + i), INDEX(j0 + j)
+                f[x, y, INDEX(k0)] += b * c0
+                if n2 > 1:
+                    f[x, y, INDEX(k0 + 1)] += b * c1
+                if n2 > 2:
+                    f[x, y, INDEX(k0 + 2)] += b * c2
+                if n2 > 3:
+                    f[x, y, INDEX(k0 + 3)] += b * c3
+                if n2 > 4:
+                    f[x, y, INDEX(k0 + 4)] += b * c4
+                if n2 > 5:
+                    f[x, y, INDEX(k0 + 5)] += b * c5
 
 
+@vectors
 @kernel
-def interpolate(U: Array, base: Array, w: Array, u: Array, d: int, kind: tuple, dim: int) -> None:
+def interpolate(U: Array, base: Array, w: Array, u: Array, d: int, kind: tuple, row: tuple) -> None:
     """Interpolate component d, U_d(q) = sum_x u(x) w0 w1 w2: the transpose of `spread`."""
     normal, tangential = kind[1], kind[2]
     n0, n1 = normal if d == 0 else tangential, normal if d == 1 else tangential
-    n2 = 1 if dim == 2 else (normal if d == 2 else tangential)
     s0, s1, s2 = int(d != 0), int(d != 1), int(d != 2)
     for q in range(U.shape[0]):
-        i0, j0, k0 = base[0, s0, q], base[1, s1, q], base[2, s2, q]
+        i0, j0, k0 = base[q, 0, s0], base[q, 1, s1], base[q, 2, s2]
         total = 0.0
         for i in range(n0):
+            plane = 0.0
             for j in range(n1):
-                b = w[0, s0, q, i] * w[1, s1, q, j]
-                for k in range(n2):
-                    total += b * w[2, s2, q, k] * u[i0 + i, j0 + j, k0 + k]
+                line = 0.0
+                for k in range(len(row)):
+                    line += w[q, 2, s2, k] * u[INDEX(i0 + i), INDEX(j0 + j), INDEX(k0 + k)]
+                plane += w[q, 1, s1, j] * line
+            total += w[q, 0, s0, i] * plane
         U[q, d] = total

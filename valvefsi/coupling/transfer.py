@@ -38,6 +38,9 @@ class Coupling:
         self.kind = kernels.KERNELS[kernel]
         self.reach = 0.5 * max(self.kind[1:])
         dim = grid.dim
+        # What the loops are compiled for: as many entries as each component's kernel has along the last axis.
+        across, along = (0,) * self.kind[2], (0,) * self.kind[1]
+        self.rows = ((0,), (0,)) if dim == 2 else (across, across, along)
         offset = tuple(g - s for g, s in zip(grid.ghosts, grid.start, strict=True))
         self.geometry = (grid.origin, 1.0 / grid.spacing, offset, dim)
         n1 = grid.process_grid[1]
@@ -83,9 +86,10 @@ class Coupling:
         grid = self.grid
         place = chi[:, : grid.dim]
         slack = 1e-9 * grid.spacing[0]
-        inside = (place >= low - slack) & (place <= high + slack) & np.isfinite(place)
-        if inside.all():
+        ends = kernels.extent(place)  # not finite where any point is not
+        if not len(place) or ((ends[0] >= low - slack) & (ends[1] <= high + slack) & np.isfinite(ends)).all():
             return self._wrap(place), None
+        inside = (place >= low - slack) & (place <= high + slack) & np.isfinite(place)
         worst = place[~inside.all(axis=1)][0]
         solid = ~np.array(grid.periodic[: grid.dim])
         outside = (worst < grid.lower[: grid.dim] - slack) | (worst > grid.upper[: grid.dim] + slack)
@@ -101,7 +105,8 @@ class Coupling:
         """Return the sides that reflect and that the kernel of a point on this rank reaches beyond."""
         if not self.signs or not len(place):
             return []
-        low, high = place.min(axis=0) < self.inner_low, place.max(axis=0) > self.inner_high
+        ends = kernels.extent(place)
+        low, high = ends[0] < self.inner_low, ends[1] > self.inner_high
         return [(axis, upper) for axis, upper in self.signs if (high if upper else low)[axis]]
 
     def own(self, points: Array) -> np.ndarray:
@@ -162,8 +167,8 @@ class Transfer:
         x = self.route.send(place) if self.route else place
         self.sides = coupling.sides_near(x) if moving else []
         points = max(coupling.kind[1:])
-        self.base = np.empty((3, 2, len(x)), dtype=np.intp)
-        self.weights = np.empty((3, 2, len(x), points))
+        self.base = np.empty((len(x), 3, 2), dtype=np.intp)
+        self.weights = np.empty((len(x), 3, 2, points))
         kernels.prepare(self.base, self.weights, x, coupling.kind, coupling.geometry)
 
     def spread(self, F: Array, out: Faces | None = None) -> Faces:
@@ -183,10 +188,11 @@ class Transfer:
         """
         grid = self.coupling.grid
         out = grid.zero_faces() if out is None else out
-        F = F[:, : grid.dim] * (1.0 / grid.cell_volume)
+        F = np.ascontiguousarray(F[:, : grid.dim])
         F = self.route.send(F) if self.route else F
+        scale, kind = 1.0 / grid.cell_volume, self.coupling.kind
         for d in range(grid.dim):
-            kernels.spread(out[d], self.base, self.weights, F, d, self.coupling.kind, grid.dim)
+            kernels.spread(out[d], self.base, self.weights, F, d, scale, kind, self.coupling.rows[d])
         if self.sides:
             mirrors.fold(out, grid, self.coupling.signs, self.sides)
         grid.add_ghosts(out)
@@ -207,9 +213,10 @@ class Transfer:
             Collective.
         """
         grid = self.coupling.grid
-        values = np.empty((self.base.shape[2], grid.dim))
+        values = np.empty((len(self.base), grid.dim))
+        kind = self.coupling.kind
         for d in range(grid.dim):
-            kernels.interpolate(values, self.base, self.weights, u[d], d, self.coupling.kind, grid.dim)
+            kernels.interpolate(values, self.base, self.weights, u[d], d, kind, self.coupling.rows[d])
         values = self.route.send_back(values) if self.route else values
         if grid.dim == 3:
             return values

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,9 +13,10 @@ from valvefsi import dolfinx_compat as compat
 import basix
 import basix.ufl
 from dolfinx import la
-from petsc4py import PETSc
 
 from valvefsi.errors import CaseError, StabilityError
+from valvefsi.solid import point_kernels
+from valvefsi.solid.mass import ConsistentMass, LumpedMass
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 
 FINEST = 24
 """Points along an edge of the finest rule."""
-
-TOLERANCE = 1e-14
-"""Relative residual of the projections."""
 
 
 class ElementPoints:
@@ -61,11 +58,11 @@ class ElementPoints:
         index_map = self.space.dofmap.index_map
         self.num_owned, self.num_local = index_map.size_local, index_map.size_local + index_map.num_ghosts
         self._vector = la.vector(index_map, 3)
-        self._groups: list[_Group] = []
+        self._groups: dict[int, _Group] = {}
         self._counts = np.zeros(cells, dtype=int)
         self.edges = np.array(basix.topology(self.cell)[1])
         self.vertices = basix.geometry(self.cell)
-        self.mass = _Mass(self) if mass == "consistent" else _LumpedMass(self)
+        self.mass = (ConsistentMass if mass == "consistent" else LumpedMass)(self._mass_blocks(), self)
 
     def refined(self, chi: Array, gap: float) -> Rule:
         """Return the points at chi, no two neighbours of one element further apart than ``gap`` [cm].
@@ -82,9 +79,8 @@ class ElementPoints:
             Collective.
         """
         positions = self.local(chi)
-        corners = positions[self.nodes[:, : len(self.vertices)]][..., : self.dim]
-        lengths = np.linalg.norm(corners[:, self.edges[:, 0]] - corners[:, self.edges[:, 1]], axis=2)
-        longest = lengths.max(axis=1, initial=0.0)
+        longest = np.empty(len(self.nodes))
+        point_kernels.longest_edges(longest, positions, self.nodes, self.edges)
         counts = np.searchsorted(-gaps(self.cell.name), -gap / np.maximum(longest, 1e-300)) + 1
         counts = np.maximum(counts, self.smallest)
         if not np.isfinite(longest).all() or counts.max(initial=0) > FINEST:
@@ -93,20 +89,36 @@ class ElementPoints:
                 f"{gap:.3g} cm; the solid is torn apart or its mesh is far too coarse"
             )
         if not np.array_equal(counts, self._counts) or not self._groups:
-            self._groups = self.groups(counts)
+            self._groups = {
+                int(n): self._group(int(n), np.flatnonzero(counts == n)) for n in np.unique(counts)
+            }
             self._counts = counts
-        return Rule(self, tuple(self._groups), positions)
-
-    def groups(self, counts: NDArray[np.intp]) -> list[_Group]:
-        """Return the elements by their number of points along an edge, with shape functions and weights."""
-        return [self._group(int(n), np.flatnonzero(counts == n)) for n in np.unique(counts)]
+        return Rule(self, tuple(self._groups.values()), positions)
 
     def _group(self, n: int, cells: NDArray[np.intp]) -> _Group:
+        """Return the elements with n points along an edge; weights that are known are taken over."""
+        known = self._groups.get(n)
+        if known is None:
+            X, _ = rule(self.cell.name, n)
+            phi = self.space.element.basix_element.tabulate(0, X)[0, :, :, 0]
+            return _Group(cells, self.nodes[cells], np.ascontiguousarray(phi), self._weights(n, cells))
+        place = np.minimum(np.searchsorted(known.cells, cells), len(known.cells) - 1)
+        new = known.cells[place] != cells
+        weights = known.weights[place]
+        weights[new] = self._weights(n, cells[new])
+        return _Group(cells, self.nodes[cells], known.phi, weights)
+
+    def _weights(self, n: int, cells: NDArray[np.intp]) -> Array:
+        """Return w_q |det dX/dxi| of some elements, ``(num_cells, num_points)`` [cm^dim]."""
         X, w = rule(self.cell.name, n)
-        phi = self.space.element.basix_element.tabulate(0, X)[0, :, :, 0]
         slopes = self.geometry.basix_element.tabulate(1, X)[1:, :, :, 0]
         J = np.einsum("dqk,ckx->cqxd", slopes, self.corners[cells])
-        return _Group(self.nodes[cells], phi, np.abs(np.linalg.det(J)) * w)
+        return np.abs(np.linalg.det(J)) * w
+
+    def _mass_blocks(self) -> tuple[NDArray[np.int32], Array]:
+        """Return the nodes of the elements and int phi_j phi_k dX of each, ``(num_cells, k, k)``."""
+        group = self._group(self.smallest, np.arange(len(self.nodes)))
+        return group.nodes, np.einsum("cq,qj,qk->cjk", group.weights, group.phi, group.phi, optimize=True)
 
     def local(self, values: Array) -> Array:
         """Return rows of owned and ghost nodes, ``(num_local, 3)``, from those of owned nodes (collective)."""
@@ -129,6 +141,8 @@ class ElementPoints:
 class _Group(NamedTuple):
     """Elements with one rule."""
 
+    cells: NDArray[np.intp]
+    """Local numbers in ascending order, ``(num_cells,)``."""
     nodes: NDArray[np.int32]
     """Local nodes, ``(num_cells, k)``."""
     phi: Array
@@ -150,13 +164,14 @@ class Rule:
 
     def _at_points(self, values: Array, *, weighted: bool) -> Array:
         """Return sum_k phi_k values_k at the points, times w_q where weighted."""
-        parts = [np.zeros((0, 3))]
+        out, start = np.empty((sum(group.weights.size for group in self.groups), 3)), 0
         for group in self.groups:
-            part = group.phi @ values[group.nodes]
-            if weighted:
-                part *= group.weights[..., None]
-            parts.append(part.reshape(-1, 3))
-        return np.concatenate(parts)
+            stop = start + group.weights.size
+            part = out[start:stop].reshape(*group.weights.shape, 3)
+            weights = group.weights if weighted else group.weights[:, :0]
+            point_kernels.at_points(part, values, group.nodes, group.phi, weights)
+            start = stop
+        return out
 
     def lift(self, F: Array) -> Array:
         """Return the forces of the points that stand for nodal forces, w_q sum_k phi_k G_k with M G = F.
@@ -181,71 +196,10 @@ class Rule:
         sums, start = np.zeros((self.points.num_local, 3)), 0
         for group in self.groups:
             stop = start + group.weights.size
-            part = U[start:stop].reshape(*group.weights.shape, 3) * group.weights[..., None]
-            shares = group.phi.T @ part
-            for d in range(self.points.dim):
-                sums[:, d] += np.bincount(
-                    group.nodes.ravel(), shares[..., d].ravel(), minlength=self.points.num_local
-                )
+            part = U[start:stop].reshape(*group.weights.shape, 3)
+            point_kernels.add_to_nodes(sums, part, group.nodes, group.phi, group.weights)
             start = stop
         return self.points.mass.solve(self.points.owned(sums))
-
-
-class _LumpedMass:
-    """The row sums of the mass matrix."""
-
-    def __init__(self, points: ElementPoints) -> None:
-        sums = np.zeros((points.num_local, 3))
-        counts = np.full(len(points.nodes), points.smallest)
-        for group in points.groups(counts):
-            np.add.at(sums[:, 0], group.nodes, group.weights @ group.phi)
-        self.diagonal = points.owned(sums)[:, :1].copy()
-        lowest = points.comm.allreduce(-self.diagonal.min(initial=np.inf), op=_max())
-        if not lowest < 0.0:
-            message = (
-                "these elements have nodes without a positive share of the mass; take the consistent one"
-            )
-            raise CaseError(message, key="mass", value="lumped")
-
-    def solve(self, b: Array) -> Array:
-        """Return b / m, ``(n, 3)``."""
-        return b / self.diagonal
-
-
-class _Mass:
-    """The consistent mass matrix, int phi_j phi_k dX, solved by conjugate gradients and Jacobi; set up once."""
-
-    def __init__(self, points: ElementPoints) -> None:
-        index_map, comm = points.space.dofmap.index_map, points.comm
-        numbers = index_map.local_to_global(np.arange(points.num_local, dtype=np.int32)).astype(PETSc.IntType)
-        nodes = numbers[points.nodes]
-        counts = np.full(len(nodes), points.smallest)
-        values = [np.einsum("cq,qj,qk->cjk", g.weights, g.phi, g.phi) for g in points.groups(counts)]
-        sizes = (index_map.size_local, index_map.size_global)
-        self.matrix = PETSc.Mat().create(comm)
-        self.matrix.setSizes((sizes, sizes))
-        self.matrix.setType("aij")
-        self.matrix.setUp()  # PETSc finds the pattern itself; not every petsc4py takes lists of entries
-        for cell, block in zip(nodes, itertools.chain.from_iterable(values), strict=True):
-            self.matrix.setValues(cell, cell, block, addv=PETSc.InsertMode.ADD)
-        self.matrix.assemble()
-        self.b, self.x = self.matrix.createVecs()
-        self.dim = points.dim
-        self.solver = PETSc.KSP().create(comm)
-        self.solver.setOperators(self.matrix)
-        self.solver.setType("cg")
-        self.solver.getPC().setType("jacobi")
-        self.solver.setTolerances(rtol=TOLERANCE, atol=1e-300, max_it=500)
-        self.solver.setErrorIfNotConverged(True)
-
-    def solve(self, b: Array) -> Array:
-        """Return M^-1 b column by column, ``(n, 3)`` (collective)."""
-        out = np.zeros_like(b)
-        for d in range(self.dim):
-            self.b.array[:] = b[:, d]
-            self.solver.solve(self.b, self.x)
-            out[:, d] = self.x.array
-        return out
 
 
 @functools.cache
@@ -267,9 +221,3 @@ def gaps(cell: str) -> Array:
         x, _ = np.polynomial.legendre.leggauss(n)
         found.append(0.5 * float(np.diff(x).max()))
     return np.array(found)
-
-
-def _max() -> object:
-    from mpi4py import MPI
-
-    return MPI.MAX
