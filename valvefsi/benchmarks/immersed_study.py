@@ -212,7 +212,8 @@ def _draw(
 
     known, by_grid = answers
     _, label, unit = study.main
-    lines = {column: _over_time(records, column) for column in (study.column, study.change[0])}
+    lines = {study.column: _over_time(records, study.column)}
+    lines[study.change[0]] = [replace(line, label="") for line in _over_time(records, study.change[0])]
     same = {"reference": known, "reference_label": "incompressible statics"}
     shown = [
         Panel(lines=lines[study.column], xlabel="t [s]", ylabel=f"{label} [{unit}]", **same),
