@@ -7,7 +7,13 @@ import warnings
 from valvefsi.fsi import Model, State
 
 LONGEST_GAP = 1.25
-"""Largest distance of neighbouring points over h that is held to be tight: in the kernel study 1 was, 2 was not."""
+"""Largest distance of neighbouring nodes over h that is held to be tight.
+
+At 1, 1.2, 1.5 and 2.4 h a plug two cells thick in a channel passes 0.20, 0.72, 2.6 and 15 times what slots of width h
+would (piecewise_linear; bspline3: 0.10, 0.68, 1.6, 9.8; ib4: 0.27, 0.31, 0.52, 2.8). Quadratic elements leak as linear
+ones with nodes at the same places, within some per cent. The leak follows the pressure difference: a body that is
+merely carried along keeps its volume with nodes further apart, as a soft disk in a cavity does.
+"""
 
 
 def widest_gap(solid: object, coupling: object, chi: object) -> float:
