@@ -51,6 +51,19 @@ def test_forward_flow_is_net_closing_and_leakage():
     assert got.cardiac_output * PERIOD == pytest.approx(got.net_volume, rel=1e-13)
 
 
+@pytest.mark.parametrize("since", [0.06, 1.0])
+def test_flow_that_creeps_forward_through_the_closed_valve_does_not_begin_the_forward_flow(since):
+    """From 60 ms before the rise, or from the start of the cycle on, 0.2 % of the peak flow."""
+    plain = record()
+    waiting = (plain.t > OPEN - since) & (plain.t < OPEN)
+    creeping = record(q=np.where(waiting, 2e-3 * PEAK, plain.q))
+    a, b = (cycle_numbers(r, SALINE) for r in (plain, creeping))
+    assert np.all(creeping.q[waiting] > 0)
+    assert a.forward_start == pytest.approx(OPEN, abs=2e-4)
+    for name in ("forward_start", "forward_duration", "rms_forward_flow", "effective_orifice_area"):
+        assert getattr(b, name) == pytest.approx(getattr(a, name), rel=5e-3), name
+
+
 def test_the_numbers_converge_with_the_samples():
     expected = closed_forms()["effective_orifice_area"]
 

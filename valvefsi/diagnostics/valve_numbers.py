@@ -3,7 +3,9 @@
 Terms are those of ISO 5840-1:2021 and ISO 5840-2:2021. Where the standard leaves a choice, this is taken:
 
 - A cycle is [start + k T, start + (k + 1) T]; ``start`` must lie in the closed phase.
-- Forward flow: from the last zero of q before its peak to the first one after it.
+- Forward flow: from the last zero of q before its peak to the first one after it. Where q has crept above zero
+  in the closed phase long before it rises, from where the line through its rise from ``backflow_floor`` of the
+  peak flow to twice that meets zero; so too where it is above zero at the start of the cycle, by no more than that.
 - Positive pressure difference: the part of the forward flow over which the integral of p_lv - p_ao is
   largest. Where the difference changes sign once, this is where it is positive; noise about a zero neither
   cuts nor stretches it. Mean pressure difference, and the flow in the effective orifice area, are over it.
@@ -39,6 +41,9 @@ from valvefsi.units import LITRE_PER_MINUTE, MMHG
 
 CLOSING_WINDOW = 0.1
 """Time after forward flow in which the closing backflow has its largest value, as a part of the cycle."""
+
+LONG = 5.0
+"""How long before its rise flow may be above zero, by the time that it takes from one floor to two."""
 
 VOLUMES = ("closing_volume", "leakage_volume", "regurgitant_volume", "regurgitant_fraction")
 PRESSURES = (
@@ -258,16 +263,27 @@ def _forward(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -
     before, after = np.flatnonzero(still[:peak]), np.flatnonzero(still[peak:])
     if q[peak] <= 0:
         reason = "no forward flow"
-    elif not len(before) or not len(after):
+    elif not (len(before) or q[0] <= test.backflow_floor * q[peak]) or not len(after):
         reason = "forward flow is cut by the cycle's edge; start the cycle in the closed phase"
     else:
-        start = crossing(t, q, before[-1], 0.0)
+        zero = crossing(t, q, before[-1], 0.0) if len(before) else float(t[0])
+        start = _rise(t, q, peak, test.backflow_floor, zero)
         end = crossing(t, q, peak + after[0] - 1, 0.0)
         nodes, flow = part_of(t, q, start, end)
         rms = np.sqrt(integral_of_square(nodes, flow) / (end - start))
         found |= dict(zip(FORWARD, (integral(nodes, flow), float(rms), start, end, end - start), strict=True))
         return
     reasons |= dict.fromkeys(FORWARD, reason)
+
+
+def _rise(t: Array, q: Array, peak: int, floor: float, zero: float) -> float:
+    """Start of forward flow: the last zero of q, or later where q has crept above zero long before it rises."""
+    low, high = (
+        crossing(t, q, int(np.flatnonzero(q[:peak] <= part * q[peak])[-1]), part * q[peak])
+        for part in (floor, 2.0 * floor)
+    )
+    line = low - (high - low)
+    return line if zero < line - LONG * (high - low) else zero
 
 
 def _pressure(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> None:
