@@ -15,7 +15,7 @@ from valvefsi.schedule import Schedule
 from valvefsi.simulation import Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Damping, Discretisation, Structure
 
 STEPS = 40
 DT = 0.02
@@ -41,9 +41,7 @@ def block_model(
         name="block",
         nu_stab=nu_stab,
         discretisation=Discretisation(kernel="bspline3"),
-        damping=4.0,
-        viscosity=viscosity,
-        permeability=permeability,
+        damping=Damping(body=4.0, viscosity=viscosity, permeability=permeability),
         tethers=[
             Tether(on=("bottom",), components=("y",), stiffness=tether),
             Tether(on=("top_loaded", "top_outer"), components=("x",), stiffness=tether),

@@ -13,7 +13,7 @@ from valvefsi import diagnostics
 from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Damping, Discretisation, Structure
 
 ETA = 30.0
 
@@ -25,7 +25,7 @@ def body(comm, kind, degree=1, viscosity=ETA):
     else:
         mesh = box(comm, lower=(0.2, 0.1, 0.3), size=(0.5, 0.6, 0.4), elements=(2, 3, 2), cell=kind)
     given = Discretisation(degree=degree)
-    return Structure(mesh, NeoHookean(c1=5.0), discretisation=given, viscosity=viscosity)
+    return Structure(mesh, NeoHookean(c1=5.0), discretisation=given, damping=Damping(viscosity=viscosity))
 
 
 def gradient(rng, dim, size):
@@ -90,7 +90,8 @@ def test_what_a_coupled_run_loses_is_what_the_viscous_forces_took():
     def rest(dt):
         model = soft_square(mu=0.0)
         old = model.solids[0]
-        given = {"discretisation": old.discretisation, "nu_stab": old.nu_stab, "viscosity": 0.05}
+        given = {"discretisation": old.discretisation, "nu_stab": old.nu_stab}
+        given["damping"] = Damping(viscosity=0.05)
         solid = Structure(old.mesh, old.material, **given)
         model = replace(model, solids=(solid,))
         states = march(model, dt, round(0.2 / dt), swirl(model.grid, 0.5))

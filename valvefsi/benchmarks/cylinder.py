@@ -3,9 +3,9 @@
 The cylinder is a ring of points held by stiff springs and dampers, in a stream of speed 1 between planes that slip,
 with an open outlet, on a grid that is fine around it and graded away from it. Diameter, speed and density are 1.
 
-A regularised delta function makes the ring hold the fluid a part of h outside it too: the flow sees a larger cylinder,
-with more drag and a lower frequency, by the first order of h. ``retract`` puts the points that part of h inside the
-circle, which removes most of it (Breugem 2012: 0.3 h for his kernel of three points).
+A regularised delta function makes the ring hold the fluid a part of h outside it too: the flow sees a larger cylinder.
+``retract`` puts the points a part of h inside the circle instead (Breugem 2012: 0.3 h for his kernel of three points);
+with 0.4 h at 20 cells the drag at Re 100 falls from 1.363 to 1.305, below what is published.
 """
 
 from __future__ import annotations

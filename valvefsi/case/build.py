@@ -35,7 +35,7 @@ from valvefsi.simulation import Progress, Simulation
 from valvefsi.solid.element_points import ElementPoints
 from valvefsi.solid.inertia import ExcessMass
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Damping, Discretisation, Structure
 from valvefsi.statistics import Line
 
 
@@ -175,9 +175,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
             name=given.name,
             nu_stab=given.nu_stab,
             discretisation=_discretisation(given),
-            damping=given.damping,
-            viscosity=given.viscosity,
-            permeability=given.permeability,
+            damping=Damping(body=given.damping, viscosity=given.viscosity, permeability=given.permeability),
             tethers=_tethers(given),
             loads=_loads(given),
         )

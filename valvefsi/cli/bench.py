@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import HELP, Out, Plan, Resume, Set
 from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
@@ -18,57 +20,56 @@ if TYPE_CHECKING:
 bench = typer.Typer(help="Run a published benchmark and compare.", **HELP)
 
 
-@bench.command()
-def compression(
+@dataclass(frozen=True)
+class Compression:
+    """Options of ``bench compression``."""
+
     elements: Annotated[
         int | None,
         typer.Option(min=2, help="Elements along the block's 20 cm; 32, a series: as many as cells."),
-    ] = None,
+    ] = None
     grid: Annotated[
         int | None, typer.Option(min=4, help="Cells along each edge of the box; 64, a series: 16 and finer.")
-    ] = None,
-    kernel: Annotated[str, typer.Option(help="Kernel of the coupling.")] = "bspline3",
+    ] = None
+    kernel: Annotated[str, typer.Option(help="Kernel of the coupling.")] = "bspline3"
     nu_stab: Annotated[
         str,
         typer.Option("--nu-stab", metavar="V|off", help="Numerical Poisson ratio of the volumetric term."),
-    ] = "0.4",
+    ] = "0.4"
     refine: Annotated[
         int, typer.Option(min=0, max=4, help="Number of finer grids: a series, stabilised and not.")
-    ] = 0,
-    overrides: Set = None,
-    out: Out = None,
-    plan: Plan = False,
-    resume: Resume = False,
-) -> None:
+    ] = 0
+    overrides: Set = None
+    out: Out = None
+    plan: Plan = False
+    resume: Resume = False
+
+
+@bench.command()
+@options_of(Compression)
+def compression(given: Compression) -> None:
     """Benchmark E.1: a block compressed by a load, immersed, against the incompressible statics."""
     from mpi4py import MPI
 
     from valvefsi.benchmarks import compression as benchmark
 
-    comm = MPI.COMM_WORLD
-    if refine:
+    comm, out, plan = MPI.COMM_WORLD, given.out, given.plan
+    numbers = {"elements": given.elements, "grid": given.grid, "kernel": given.kernel}
+    numbers |= {"nu_stab": _nu_stab(given.nu_stab), "overrides": given.overrides or ()}
+    if given.refine:
         if plan:
             raise CaseError("a plan is of one run", key="--plan", value="--refine")
-        numbers = {"elements": elements, "grid": grid, "kernel": kernel, "nu_stab": _nu_stab(nu_stab)}
-        _compression_series(numbers | {"refine": refine, "overrides": overrides or ()}, out, comm)
+        _compression_series(numbers | {"refine": given.refine}, out, comm)
         return
-    elements, grid = elements or 32, grid or 64
-    folder = (
-        out if out is not None else Path("results") / f"compression-M{elements}-N{grid}-{kernel}-{nu_stab}"
-    )
+    numbers |= {"elements": given.elements or 32, "grid": given.grid or 64}
+    name = "compression-M{elements}-N{grid}-{kernel}".format_map(numbers)
+    folder = out if out is not None else Path("results") / f"{name}-{given.nu_stab}"
     with Progress(comm, "compressed block") as progress:
-        setup = benchmark.Setup(
-            elements=elements,
-            grid=grid,
-            kernel=kernel,
-            nu_stab=_nu_stab(nu_stab),
-            overrides=overrides or (),
-        )
         result = benchmark.run(
-            setup,
+            benchmark.Setup(**numbers),
             out=folder,
             plan=plan,
-            resume=resume,
+            resume=given.resume,
             comm=comm,
             progress=progress,
         )

@@ -70,6 +70,31 @@ class Discretisation:
             raise CaseError(message, key="volumetric_degree", value=self.volumetric_degree)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Damping:
+    """What takes energy from a body.
+
+    Args:
+        body: Body damping eta, force density -eta U, not negative [dyn s/cm^4].
+        viscosity: Viscosity eta_s of the solid on top of the fluid's, not negative [dyn s/cm^2].
+        permeability: Hydraulic permeability k, not negative [cm^4/(dyn s)]: under a force density f the body slips
+            with k f through the fluid in it, as porous tissue does (Mow et al. 1980); 0 is no slip.
+
+    Raises:
+        CaseError: One is negative or not finite.
+    """
+
+    body: float = 0.0
+    viscosity: float = 0.0
+    permeability: float = 0.0
+
+    def __post_init__(self) -> None:
+        keys = {"damping": self.body, "viscosity": self.viscosity, "permeability": self.permeability}
+        for key, value in keys.items():
+            if not 0 <= value < np.inf:
+                raise CaseError("expected a number that is not negative", key=key, value=value)
+
+
 class Stiffness(NamedTuple):
     """What limits an explicit step of a solid."""
 
@@ -110,10 +135,7 @@ class Structure:
         name: Name in files and messages.
         nu_stab: Numerical Poisson ratio of the stabilisation (S22); None for off.
         discretisation: Degree, quadrature, kernel.
-        damping: Body damping eta, not negative [dyn s/cm^4].
-        viscosity: Viscosity eta_s of the solid on top of the fluid's, not negative [dyn s/cm^2].
-        permeability: Hydraulic permeability k, not negative [cm^4/(dyn s)]: under a force density f the body slips
-            with k f through the fluid in it, as porous tissue does (Mow et al. 1980); 0 is no slip.
+        damping: What takes energy from it; a number is the body damping eta [dyn s/cm^4].
         tethers: Springs that hold it.
         loads: Dead loads.
 
@@ -129,19 +151,14 @@ class Structure:
         name: str = "solid",
         nu_stab: float | None = 0.4,
         discretisation: Discretisation = Discretisation(),
-        damping: float = 0.0,
-        viscosity: float = 0.0,
-        permeability: float = 0.0,
+        damping: float | Damping = 0.0,
         tethers: Sequence[Tether] = (),
         loads: Sequence[DeadLoad] = (),
     ) -> None:
-        given = {"damping": damping, "viscosity": viscosity, "permeability": permeability}
-        for key, value in given.items():
-            if not 0 <= value < np.inf:
-                raise CaseError("expected a number that is not negative", key=key, value=value)
+        given = damping if isinstance(damping, Damping) else Damping(body=damping)
         self.name, self.mesh, self.material = name, mesh, material
         self.discretisation, self.kernel = discretisation, discretisation.kernel
-        self.damping, self.permeability, self.nu_stab = damping, permeability, nu_stab
+        self.damping, self.permeability, self.nu_stab = given.body, given.permeability, nu_stab
         self.tethers, self.loads = tuple(tethers), tuple(loads)
         self.comm, self.dim = mesh.mesh.comm, mesh.mesh.geometry.dim
         self.volumetric = stabilisation(material, nu_stab, discretisation.volumetric, discretisation.kappa)
@@ -153,7 +170,7 @@ class Structure:
         self._assemble_supports()
         degree = discretisation.quadrature_degree
         self.elasticity = Elasticity(self.space, material, self._volumetric_parts(), degree, mesh.fibres)
-        self.viscosity = Viscosity(self.space, viscosity, degree) if viscosity > 0 else None
+        self.viscosity = Viscosity(self.space, given.viscosity, degree) if given.viscosity > 0 else None
 
     def _volumetric_parts(self) -> list[tuple[Volumetric, int]]:
         """Return the volumetric energies and the degrees of their quadratures."""
