@@ -148,11 +148,11 @@ def step_limits(model: Model) -> dict[str, float]:
         mass = rho * max(1.0, h / (c * solid.thickness()))
         edge = stiff.smallest_edge
         limits[f"elastic, {solid.name}"] = edge * math.sqrt(room * mass / modulus / grid.dim)
-        if getattr(solid, "viscosity", None):
+        if solid.viscosity:
             limits[f"viscosity, {solid.name}"] = (
                 room * mass * edge**2 / (4.0 * solid.viscosity.eta * grid.dim)
             )
-        if getattr(solid, "permeability", 0.0) > 0:
+        if solid.permeability > 0:
             limits[f"seepage, {solid.name}"] = edge**2 / (2.0 * solid.permeability * modulus * grid.dim)
         springs: dict[str, float] = {}
         for tether in solid.tethers:

@@ -55,8 +55,8 @@ SOURCES = {
 
 
 PACE = 0.02
-"""Part of its way back that a point slips in a step: springs whose forces cancel in the kernel do not hold it else. The
-fluid passes the surface with 0.3 % of the stream per dynamic pressure of it (twice rho U^2 / 2), on every grid."""
+"""Part of its way back that a point slips through the fluid in a step: springs whose forces cancel in the kernel would
+not hold it. On every grid, a traction of rho U^2 then drives fluid through the surface with 0.003 U."""
 
 
 @dataclass(kw_only=True)

@@ -280,17 +280,20 @@ class Boundary:
         Note:
             Collective.
         """
-        given_back = self._mean_losses(u, rho)
+        for place, value in self._side_pressures(u, rho, t, pressures):
+            p[place.at(place.outside)] = 2.0 * value - p[place.at(place.inside)]
+
+    def _side_pressures(
+        self, u: Faces, rho: float, t: float, pressures: Mapping[str, float] | None
+    ) -> list[tuple[_Place, Array | float]]:
+        """Each open side of this rank and its pressure, a number or ``(.., 1, ..)`` [dyn/cm^2]. Collective."""
+        given_back, found = self._mean_losses(u, rho), []
         for place in self.places:
             if place.is_open and place.here:
-                value = self._side_pressure(place, t, pressures) - place.loss(u, rho)
-                value = value + given_back.get(place.name, 0.0)
-                p[place.at(place.outside)] = 2.0 * value - p[place.at(place.inside)]
-
-    def _side_pressure(self, place: _Place, t: float, pressures: Mapping[str, float] | None) -> Array | float:
-        """Pressure given on an open side, a number or ``(.., 1, ..)`` of local entries [dyn/cm^2]."""
-        given = (pressures or {}).get(place.name, place.opening.pressure)
-        return given(*self._points(place.axis, place.upper), t) if callable(given) else given
+                given = (pressures or {}).get(place.name, place.opening.pressure)
+                value = given(*self._points(place.axis, place.upper), t) if callable(given) else given
+                found.append((place, value - place.loss(u, rho) + given_back.get(place.name, 0.0)))
+        return found
 
     def _mean_losses(self, u: Faces, rho: float) -> dict[str, float]:
         """Mean over the open part of what is lost, for sides whose pressure is a mean [dyn/cm^2]. Collective."""
@@ -325,21 +328,14 @@ class Boundary:
         Note:
             Collective.
         """
-        missing, given_back = [], self._mean_losses(u, rho)
-        for place in self.places:
-            if not place.is_open or not place.here:
-                continue
+        missing = []
+        for place, value in self._side_pressures(u, rho, t, pressures):
             inward = -1 if place.upper else 1
             widths, gaps = self.grid.widths[place.axis], self.grid.gaps[place.axis]
             first, second = p[place.at(place.inside)], p[place.at(place.inside + inward)]
             gap = gaps[place.inside + (1 if inward > 0 else 0)]
             side = first + (first - second) * (0.5 * widths[place.inside] / gap)
             p[place.at(place.outside)] = 2.0 * side - first
-            value = (
-                self._side_pressure(place, t, pressures)
-                - place.loss(u, rho)
-                + given_back.get(place.name, 0.0)
-            )
             missing.append((place, np.where(place.open, value - side, 0.0)))
         return missing
 

@@ -76,13 +76,10 @@ class ConsistentMass:
         self.halo, self.comm = halo, halo.comm
         owned, local = halo.num_owned, halo.num_local
         nodes, block = blocks
-        rows, columns = (
-            np.repeat(nodes, nodes.shape[1], axis=1).ravel(),
-            np.tile(nodes, nodes.shape[1]).ravel(),
-        )
-        every = np.arange(
-            local, dtype=np.int32
-        )  # a ghost may have no element here, but its row has a diagonal
+        rows = np.repeat(nodes, nodes.shape[1], axis=1).ravel()
+        columns = np.tile(nodes, nodes.shape[1]).ravel()
+        # A ghost may have no element here, but its row has a diagonal.
+        every = np.arange(local, dtype=np.int32)
         entries = np.concatenate([np.zeros(local), block.ravel()])
         place = tuple(np.concatenate([every, part]) for part in (rows, columns))
         matrix = scipy.sparse.csr_matrix((entries, place), shape=(local, local))
