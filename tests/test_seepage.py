@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.coupled_case import block_model
+from tests.coupled_case import block_model, simulation
 from tests.test_stable_step import stays_calm
 from valvefsi import fsi
 from valvefsi.case.build import build
@@ -107,6 +107,15 @@ def test_it_does_not_depend_on_the_number_of_ranks():
     for _ in range(20):
         state = fsi.step(model, state, 0.02)
     assert abs(model.solids[0].energy(state.chi[0]) / energies[0] - 1) > 1e-6
+
+
+def test_a_run_lets_its_solids_seep_as_the_step_does(shared_tmp):
+    model = seeping()
+    state = fsi.initial_state(model, 0.02)
+    for _ in range(10):
+        state = fsi.step(model, state, 0.02)
+    last = simulation(shared_tmp, model=model, steps=10, dt=0.02).run().state
+    np.testing.assert_allclose(last.chi[0], state.chi[0], rtol=1e-12)
 
 
 def test_a_case_gives_permeability_and_viscosity(tmp_path):

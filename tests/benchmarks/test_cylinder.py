@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,27 @@ def test_a_ring_in_a_stream_feels_drag_and_hardly_any_lift_at_first():
     late = t > 1.0
     assert 1.0 < drag[late].mean() < 4.0
     assert np.abs(lift[late]).max() < drag[late].mean()
+
+
+class Watched(HeldRing):
+    """Keeps how far its points have strayed in the last step."""
+
+    strayed = 0.0
+
+    def force(self, chi, U, t):
+        self.strayed = float(np.abs(chi - self.X).max(initial=0.0))
+        return super().force(chi, U, t)
+
+
+def test_points_stay_at_their_places_though_the_kernel_does_not_feel_them_stray():
+    model, dt = build(8, defaults(PARAMETERS) | {"width": 12.0}, WORLD)
+    strayed = []
+    for seepage in (model.seepage, {}):
+        ring = Watched(**vars(model.solids[0]))
+        march(replace(model, solids=(ring,), seepage=seepage), dt, 10.0)
+        strayed.append(WORLD.allreduce(ring.strayed, op=MPI.MAX))
+    assert strayed[0] < 0.15 / 8
+    assert strayed[1] > 0.25 / 8
 
 
 def test_the_command_writes_its_forces(shared_tmp):
