@@ -30,6 +30,7 @@ def block_model(
     cells=24,
     elements=(8, 4),
     nu_stab=0.4,
+    damping=4.0,
     viscosity=0.0,
     permeability=0.0,
 ):
@@ -41,7 +42,7 @@ def block_model(
         name="block",
         nu_stab=nu_stab,
         discretisation=Discretisation(kernel="bspline3"),
-        damping=Damping(body=4.0, viscosity=viscosity, permeability=permeability),
+        damping=Damping(body=damping, viscosity=viscosity, permeability=permeability),
         tethers=[
             Tether(on=("bottom",), components=("y",), stiffness=tether),
             Tether(on=("top_loaded", "top_outer"), components=("x",), stiffness=tether),

@@ -62,6 +62,20 @@ def test_the_viscosity_of_a_solid_is_in_it():
     assert not stays_calm(model, 1.12 * limit)
 
 
+def test_what_slips_through_the_fluid_is_in_it():
+    model = block_model(load=2.0, tether=50.0, damping=0.0, permeability=2.0)
+    model = replace(model, seepage={0: model.solids[0].mobility()})
+    limits = step_limits(model)
+    assert limits["seepage, block"] < 0.5 * limits["elastic, block"]
+    limit = limits["seepage, block"]
+    assert measured_limit(model, limit, 0) > limit
+    for _ in range(12):
+        limit = measured_limit(model, limit, 0)
+    assert limit < 0.7 * measured_limit(replace(model, seepage={}), limit, 0)
+    assert stays_calm(model, 0.95 * limit)
+    assert not stays_calm(model, 1.12 * limit)
+
+
 def test_stiff_tethers_are_in_it():
     model = block_model(load=2.0)
     limit = step_limits(model)["tether, block"]

@@ -6,9 +6,11 @@ the scheme of `valvefsi.fsi` has the trace 2 - c dt - omega^2 dt^2 and the deter
 
     dt^2 omega^2 + 2 dt c < 4,    that is    dt < 2 / sqrt(largest eigenvalue of M (K + 2 C / dt)),
 
-which the method of Lanczos finds in a few products: M K is self-adjoint in the product x . K y. What a bound for
-each cause by itself cannot know is in it: the projection takes away most of what the bulk modulus does, and thin
-bodies and points much closer than a spacing move the mass of fluid in their kernel.
+which the method of Lanczos finds in a few products: M K is self-adjoint in the product x . K y. Nodes that slip through
+the fluid with m times their force (seepage) add 2 dt s with s = m K to the left side, which is M + 2 m / dt instead of
+M; dampers count there too, on the safe side by 4 m C. What a bound for each cause by itself cannot know is in it: the
+projection takes away most of what the bulk modulus does, and thin bodies and points much closer than a spacing move
+the mass of fluid in their kernel.
 """
 
 from __future__ import annotations
@@ -47,11 +49,11 @@ def stable_step(model: Model, state: State, dt: float, products: int = PRODUCTS)
 def measured_limit(
     model: Model, dt: float, number: int, *, at: State | None = None, products: int = PRODUCTS
 ) -> float:
-    """Return the largest stable step for the elastic forces, springs, dampers and excess mass of one solid [s].
+    """Return the largest stable step for the elastic forces, springs, dampers, seepage and excess mass of a solid [s].
 
     Args:
         model: The model.
-        dt: The step in question, at which the dampers and the fluid's viscosity are taken [s].
+        dt: The step in question, at which dampers, seepage and the fluid's viscosity are taken [s].
         number: Which solid.
         at: State in which the solid is; at rest without one.
         products: Products of the Lanczos method.
@@ -88,11 +90,12 @@ def measured_limit(
         return transfer.interpolate(u)
 
     base = velocity(None)
+    slip = (2.0 / dt) * model.seepage[number][:, None] if number in model.seepage else 0.0
     start = np.random.default_rng(1).standard_normal((solid.num_nodes, 3))[solid.ids]
     start[:, grid.dim :] = 0.0
 
     def mobility(F: Array) -> Array:
-        return (velocity(F) - base) / dt
+        return (velocity(F) - base) / dt + slip * F
 
     def dot(a: Array, b: Array) -> float:
         return grid.comm.allreduce(float(np.vdot(a, b)))
