@@ -70,7 +70,7 @@ def row(
 ) -> dict[str, object]:
     """One line of a benchmark's table: what was computed, what it is compared with, where that comes from."""
     difference = None
-    if isinstance(computed, float) and isinstance(reference, float) and relative:
+    if isinstance(computed, float) and isinstance(reference, float) and reference and relative:
         difference = 100.0 * (computed - reference) / abs(reference)
     return {
         "quantity": quantity,

@@ -11,6 +11,7 @@ error. With r from the centre and the mean of p zero,
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -124,7 +125,7 @@ def run(
     """Run shell and membrane on every grid, with every kernel and coupling; see the module (collective)."""
     values = read_parameters(PARAMETERS, setup.overrides)
     grids = [setup.grid * 2**k for k in range(setup.refine + 1)]
-    series = {}
+    series, started = {}, time.perf_counter()
     for kernel in setup.kernels:
         for coupling in setup.couplings:
             runs = [
@@ -139,6 +140,7 @@ def run(
         "quantities": series,
         "reference": {"p": "closed form", "jump": 1.0 / values["radius"], "u": 0.0},
         "table": _table(series, grids, values),
+        "timing": {"wall_s": time.perf_counter() - started},
         "environment": environment(comm),
     }
     write_result(out, result, comm)

@@ -20,6 +20,7 @@ import typer
 
 from valvefsi import __version__
 from valvefsi.cli.bench import bench
+from valvefsi.cli.bench_table import bench_table
 from valvefsi.cli.fit import fit
 from valvefsi.cli.immersed import immersed
 from valvefsi.cli.kernel_study import kernel_study
@@ -58,6 +59,7 @@ bench.add_typer(kernel_study)
 bench.add_typer(streams)
 bench.add_typer(valve_2d)
 bench.add_typer(turek)
+bench.add_typer(bench_table)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 app.add_typer(mesh, name="mesh")

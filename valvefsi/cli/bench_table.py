@@ -1,0 +1,45 @@
+"""``valvefsi bench table``: the results of benchmarks as one table and one picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from valvefsi.cli.options import HELP
+from valvefsi.cli.tables import WIDE, print_table
+
+bench_table = typer.Typer(help="One table of results.", **HELP)
+
+
+@bench_table.command("table")
+def command(
+    folders: Annotated[
+        list[Path] | None, typer.Argument(metavar="[DIR]...", help="Folders of results, with all in them.")
+    ] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Also what is compared with nothing.")] = False,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE.md", help="The table; a picture lies beside it.")
+    ] = Path("results/benchmarks.md"),
+) -> None:
+    """Gather results of benchmarks: computed, reference, difference, source, grid, ranks, date, time."""
+    from rich.console import Console
+
+    from valvefsi.io.comparison_plots import differences
+    from valvefsi.verification.collection import COLUMNS, collect, markdown
+
+    lines = collect(folders or [Path("results")], everything=everything)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(markdown(lines))
+    rows = [
+        (line.benchmark, line.label(), line.difference_percent)
+        for line in lines
+        if line.difference_percent is not None
+    ]
+    picture = differences(out.with_suffix(".png"), rows, title="Benchmarks against their references")
+    numbers = ("computed", "reference", "off", "ranks", "time")
+    columns = {name: "right" if name in numbers else "left" for name in COLUMNS}
+    console = Console(width=None if Console().is_terminal else WIDE + 60)
+    print_table(console, "benchmarks", columns, [line.cells() for line in lines])
+    console.print(f"table in {out}, picture in {picture}", highlight=False, soft_wrap=True, markup=False)
