@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem, la
 
 from tests.coupling.test_elemental import KINDS, make, nodal
+from valvefsi.solid import mass_kernels
 from valvefsi.solid.element_points import ElementPoints
 
 
@@ -41,6 +42,41 @@ def test_zero_stays_zero_and_what_is_not_finite_stays_so():
     assert (mass.solve(0.0 * b) == 0.0).all()
     b[:, 2] = np.nan
     assert np.isnan(mass.solve(b)).all()
+
+
+def factor(A, drop, room):
+    """The incomplete factor of a dense matrix, and how many entries it has."""
+    n = len(A)
+    rows, columns, values, diagonal = out = (
+        np.empty(n + 1, dtype=np.int64),
+        np.empty(room, dtype=np.int64),
+        np.empty(room),
+        np.empty(n),
+    )
+    at = np.nonzero(A)
+    starts = np.concatenate([[0], np.cumsum((A != 0.0).sum(axis=1))]).astype(np.uint32)
+    count = mass_kernels.factorise(out, (starts, at[1].astype(np.uint32), A[at]), drop)
+    L = np.diag(diagonal)
+    for i in range(n if count >= 0 else 0):
+        assert (np.diff(columns[rows[i] : rows[i + 1]]) > 0).all()
+        L[i, columns[rows[i] : rows[i + 1]]] = values[rows[i] : rows[i + 1]]
+    return L, count
+
+
+def test_the_factor_is_that_of_cholesky_and_leaves_out_small_entries_only():
+    rng = np.random.default_rng(2)
+    A = np.where(rng.random((30, 30)) < 0.15, rng.standard_normal((30, 30)), 0.0)
+    A = A + A.T + 12.0 * np.eye(30)
+    exact = np.linalg.cholesky(A)
+    whole, count = factor(A, 0.0, 900)
+    np.testing.assert_allclose(whole, exact, atol=1e-13)
+    assert factor(A, 0.0, count)[1] == count
+    assert factor(A, 0.0, count - 1)[1] == -1
+    part, fewer = factor(A, 1e-2, 900)
+    assert fewer < 0.8 * count
+    np.testing.assert_allclose(part, exact, atol=3e-2 * np.sqrt(A.diagonal().max()))
+    left = np.abs(exact[(part == 0.0) & (exact != 0.0)])
+    assert left.max() < 2e-2 * np.sqrt(A.diagonal().max())
 
 
 def test_weights_that_are_kept_are_those_of_new_points():
