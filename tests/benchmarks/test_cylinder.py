@@ -81,20 +81,20 @@ def test_the_command_writes_its_forces(shared_tmp):
         run(cells=8, out=shared_tmp, overrides=["kernle=ib4"])
 
 
-def test_points_may_lie_inside_the_circle():
+def test_points_lie_inside_the_circle_by_the_kernels_offset():
     parameters = defaults(PARAMETERS) | {"width": 12.0}
     radii = []
-    for retract in (0.0, 0.5):
-        model, _ = build(16, parameters | {"retract": retract}, WORLD)
+    for draw_in in (0.0, 1.0):
+        model, _ = build(16, parameters | {"draw_in": draw_in}, WORLD)
         ring = model.solids[0]
         r = WORLD.allgather(np.hypot(ring.X[:, 0], ring.X[:, 1]))[0]
         assert np.ptp(r) < 1e-12
         assert ring.weight * len(r) == pytest.approx(2 * np.pi * r[0])
         radii.append(r[0])
-    assert radii == pytest.approx([0.5, 0.5 - 0.5 / 16])
+    assert radii == pytest.approx([0.5, 0.5 - 7 / 30 / 16])
 
 
-@pytest.mark.parametrize("override", ["retract=-1", "retract=3", "width=0"])
+@pytest.mark.parametrize("override", ["draw_in=-1", "draw_in=3", "width=0"])
 def test_parameters_out_of_range_are_refused(override, tmp_path):
     key = override.partition("=")[0]
     with pytest.raises(CaseError, match=key):

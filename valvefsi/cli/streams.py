@@ -27,7 +27,7 @@ def taylor_green(
 
 @streams.command("cylinder")
 def cylinder(
-    grid: Annotated[int, typer.Option("--grid", min=8, help="Cells across the diameter.")] = 20,
+    grid: Annotated[int, typer.Option("--grid", min=8, help="Cells across the diameter.")] = 32,
     overrides: Set = None,
     out: Out = None,
 ) -> None:
