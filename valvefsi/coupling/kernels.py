@@ -38,6 +38,17 @@ def vectors(compiled: Callable) -> Callable:
 
 BSPLINE, IB3, IB4, IB5, IB6 = range(5)
 
+BLOCK = 64
+"""Points whose weights are computed at once."""
+MOST = 6
+"""Points of the widest kernel along an axis."""
+# Where things are in the room of a block: places, lowest index, fraction, partial sums, weights by axis and side and
+# point of the kernel, weights of the last axis by side and point of the solid, ones.
+LOWEST, FRACTION, SAVED, WEIGHTS = BLOCK, 2 * BLOCK, 3 * BLOCK, 4 * BLOCK
+LINES = WEIGHTS + 6 * MOST * BLOCK
+ONES = LINES + 2 * BLOCK * MOST
+SIZE = ONES + BLOCK
+
 KERNELS = {
     "piecewise_linear": (BSPLINE, 2, 2),
     "bspline3": (BSPLINE, 3, 3),
@@ -169,97 +180,266 @@ def weights_at(w: Array, family: int, points: int, s: float) -> int:
 
 @kernel
 def extent(x: Array) -> Array:
-    """Return the lowest and the highest coordinates of the points, ``(2, dim)``, NaN where one is NaN."""
+    """Return the lowest and the highest coordinates of the points, ``(2, dim)``; NaN where one of the axis is NaN."""
     ends = np.empty((2, x.shape[1]))
-    ends[0], ends[1] = math.inf, -math.inf
-    for q in range(x.shape[0]):
-        for axis in range(x.shape[1]):
+    for axis in range(x.shape[1]):
+        low, high, lost = math.inf, -math.inf, 0
+        for q in range(x.shape[0]):
             s = x[q, axis]
-            ends[0, axis] = ends[0, axis] if ends[0, axis] <= s else s
-            ends[1, axis] = ends[1, axis] if ends[1, axis] >= s else s
-            if math.isnan(s):
-                return np.full((2, x.shape[1]), math.nan)
+            low = s if s < low else low
+            high = s if s > high else high
+            lost += int(s != s)
+        ends[0, axis], ends[1, axis] = (math.nan, math.nan) if lost else (low, high)
     return ends
 
 
 @kernel
-def prepare(base: Array, w: Array, x: Array, kind: tuple, grid: tuple) -> None:
-    """Weights of all points on faces (0) and centres (1) along each axis.
+def bsplines(room: Array, at: int, points: int) -> None:
+    """`bspline` for a block of points: the fractions are in room, the values go there from ``at`` on."""
+    for b in range(BLOCK):
+        room[at + INDEX(b)] = 1.0
+    for j in range(1, points):
+        for b in range(BLOCK):
+            room[INDEX(SAVED + b)] = 0.0
+        for r in range(j):
+            here, up, down, share = at + INDEX(r * BLOCK), r + 1.0, j - r - 1.0, 1.0 / j
+            for b in range(BLOCK):
+                t = room[INDEX(FRACTION + b)]
+                value = share * room[here + INDEX(b)]
+                room[here + INDEX(b)] = room[INDEX(SAVED + b)] + (up - t) * value
+                room[INDEX(SAVED + b)] = (down + t) * value
+        here = at + INDEX(j * BLOCK)
+        for b in range(BLOCK):
+            room[here + INDEX(b)] = room[INDEX(SAVED + b)]
 
-    base[q, axis, s] is the first local index, w[q, axis, s, :] the weights; an axis of one cell has weight one. The
-    kernel most in use has a loop of its own, into which the compiler takes its formula.
+
+@kernel
+def ib4s(room: Array, at: int) -> None:
+    """`ib4` for a block of points, as `bsplines`."""
+    for b in range(BLOCK):
+        r = room[INDEX(FRACTION + b)]
+        root = math.sqrt(0.015625 + 0.0625 * (r - r * r))
+        low = 0.375 - 0.25 * r
+        high = 0.5 - low
+        room[at + INDEX(b)] = low - root
+        room[at + INDEX(BLOCK + b)] = low + root
+        room[at + INDEX(2 * BLOCK + b)] = high + root
+        room[at + INDEX(3 * BLOCK + b)] = high - root
+
+
+@kernel
+def others(room: Array, at: int, family: int, points: int) -> None:
+    """Values of the kernels of the other families for a block of points, as `bsplines`."""
+    w = np.empty(MOST)
+    for b in range(BLOCK):
+        r = room[INDEX(FRACTION + b)]
+        if family == IB3:
+            ib3(w, r - 0.5)
+        elif family == IB5:
+            ib5(w, r - 0.5)
+        else:
+            ib6(w, r)
+        for k in range(points):
+            room[at + INDEX(k * BLOCK + b)] = w[k]
+
+
+@kernel
+def weigh(base: Array, room: Array, x: Array, first: int, count: int, kind: tuple, grid: tuple) -> None:
+    """First local index and weights of a block of points on faces (0) and centres (1) along each axis.
+
+    They are kept axis by axis, each number of all points in a row; those of the last axis also point by point. One
+    array holds them all, so that the compiler knows what lies apart.
     """
     family, normal, tangential = kind
     origin, inv_h, offset, dim = grid  # offset: local index of global entry 0
-    for q in range(x.shape[0]):
-        for axis in range(dim):
-            s = (x[q, axis] - origin[axis]) * inv_h[axis]
-            for side in range(2):
-                if family == IB4:
-                    lowest, r = place_at(4, s - 0.5 * side)
-                    ib4(w[q, axis, side], r)
-                else:
-                    points = normal if side == 0 else tangential
-                    lowest = weights_at(w[q, axis, side], family, points, s - 0.5 * side)
-                base[q, axis, side] = lowest + offset[axis]
-        if dim == 2:
-            base[q, 2, 1] = 0
-            w[q, 2, 1, 0] = 1.0
+    for axis in range(dim):
+        start, scale = origin[axis], inv_h[axis]
+        for b in range(count):
+            room[INDEX(b)] = (x[first + b, axis] - start) * scale
+        for side in range(2):
+            points = normal if side == 0 else tangential
+            at = INDEX(WEIGHTS + (2 * axis + side) * MOST * BLOCK)
+            shift = 0.5 * (points % 2) - 0.5 * side
+            for b in range(BLOCK):
+                s = room[INDEX(b)] + shift
+                low = np.floor(s)
+                room[INDEX(LOWEST + b)] = low
+                room[INDEX(FRACTION + b)] = s - low
+            lowest = offset[axis] - (points - 1) // 2
+            for b in range(BLOCK):
+                base[INDEX((2 * axis + side) * BLOCK + b)] = np.int64(room[INDEX(LOWEST + b)]) + lowest
+            if family == BSPLINE:
+                bsplines(room, at, points)
+            elif family == IB4:
+                ib4s(room, at)
+            else:
+                others(room, at, family, points)
+    for side in range(2):
+        points = normal if side == 0 else tangential
+        at = INDEX(WEIGHTS + (2 * (dim - 1) + side) * MOST * BLOCK)
+        for b in range(count):
+            line = INDEX(LINES + (side * BLOCK + b) * MOST)
+            for k in range(points):
+                room[line + INDEX(k)] = room[at + INDEX(k * BLOCK + b)]
 
 
-@vectors
 @kernel
-def spread(f: Array, base: Array, w: Array, F: Array, d: int, scale: float, kind: tuple, row: tuple) -> None:
-    """Spread component d, f(x) += scale sum_q F_d(q) w0 w1 w2, the weights of axis d being those on faces.
+def table() -> tuple[Array, Array]:
+    """Return room for the indices and the weights of a block of points; what stands for a missing axis is filled in."""
+    base, room = np.zeros(7 * BLOCK, dtype=np.int64), np.zeros(SIZE)
+    room[ONES : ONES + BLOCK] = 1.0
+    return base, room
 
-    The length of ``row`` is the kernel's along the last axis. The compiler knows it, and only where nothing is read
-    between the sums that are written out does it make vectors of them.
+
+@kernel
+def places(d: int, dim: int) -> tuple[int, int, int, int, int, int]:
+    """Where a block's indices and weights for component d are: outer, middle and last axis."""
+    outer, middle, last = int(d != 0), 2 + int(d != 1), 4 + int(d != 2)
+    if dim == 2:
+        outer, middle, last = 6, int(d != 0), 2 + int(d != 1)
+    w0 = WEIGHTS + outer * MOST * BLOCK if dim == 3 else ONES
+    w1 = WEIGHTS + middle * MOST * BLOCK
+    line = LINES + (last % 2) * BLOCK * MOST
+    return outer * BLOCK, middle * BLOCK, last * BLOCK, w0, w1, line
+
+
+@kernel
+def spread_block(
+    f: Array, base: Array, room: Array, F: Array, part: tuple, scale: float, shape: tuple, rows: tuple
+) -> None:
+    """Spread component d of a block of points, f(x) += scale sum_q F_d(q) w0 w1 w2.
+
+    The lengths of ``rows`` are the kernel's along the three axes. The compiler knows them, and makes vectors of sums
+    that are written out where nothing else is read or written between.
     """
-    normal, tangential = kind[1], kind[2]
-    n0, n1, n2 = normal if d == 0 else tangential, normal if d == 1 else tangential, len(row)
-    s0, s1, s2 = int(d != 0), int(d != 1), int(d != 2)
-    for q in range(F.shape[0]):
-        i0, j0, k0 = base[q, 0, s0], base[q, 1, s1], base[q, 2, s2]
-        g = scale * F[q, d]
-        c0 = g * w[q, 2, s2, 0]
-        c1 = g * w[q, 2, s2, 1] if n2 > 1 else 0.0
-        c2 = g * w[q, 2, s2, 2] if n2 > 2 else 0.0
-        c3 = g * w[q, 2, s2, 3] if n2 > 3 else 0.0
-        c4 = g * w[q, 2, s2, 4] if n2 > 4 else 0.0
-        c5 = g * w[q, 2, s2, 5] if n2 > 5 else 0.0
+    first, count, d = part
+    flat, strides = f.reshape(f.size), (INDEX(shape[0]), INDEX(shape[1]))
+    i0, i1, i2, w0, w1, line = places(d, shape[2])
+    n0, n1, n2 = len(rows[0]), len(rows[1]), len(rows[2])
+    for b in range(count):
+        at = INDEX(base[INDEX(i0 + b)] * shape[0] + base[INDEX(i1 + b)] * shape[1] + base[INDEX(i2 + b)])
+        g, k = scale * F[first + b, d], INDEX(line + b * MOST)
+        c0, c1 = g * room[k], g * room[k + INDEX(1)]
+        c2 = g * room[k + INDEX(2)] if n2 > 2 else 0.0
+        c3 = g * room[k + INDEX(3)] if n2 > 3 else 0.0
+        c4 = g * room[k + INDEX(4)] if n2 > 4 else 0.0
+        c5 = g * room[k + INDEX(5)] if n2 > 5 else 0.0
         for i in range(n0):
+            z = room[INDEX(w0 + i * BLOCK + b)]
+            e0, e1, e2, e3, e4, e5 = z * c0, z * c1, z * c2, z * c3, z * c4, z * c5
+            q = at
             for j in range(n1):
-                b = w[q, 0, s0, i] * w[q, 1, s1, j]
-                x, y = INDEX(i0 + i), INDEX(j0 + j)
-                f[x, y, INDEX(k0)] += b * c0
-                if n2 > 1:
-                    f[x, y, INDEX(k0 + 1)] += b * c1
+                y = room[INDEX(w1 + j * BLOCK + b)]
+                f0, f1 = flat[q] + y * e0, flat[q + INDEX(1)] + y * e1
+                f2 = flat[q + INDEX(2)] + y * e2 if n2 > 2 else 0.0
+                f3 = flat[q + INDEX(3)] + y * e3 if n2 > 3 else 0.0
+                f4 = flat[q + INDEX(4)] + y * e4 if n2 > 4 else 0.0
+                f5 = flat[q + INDEX(5)] + y * e5 if n2 > 5 else 0.0
+                flat[q], flat[q + INDEX(1)] = f0, f1
                 if n2 > 2:
-                    f[x, y, INDEX(k0 + 2)] += b * c2
+                    flat[q + INDEX(2)] = f2
                 if n2 > 3:
-                    f[x, y, INDEX(k0 + 3)] += b * c3
+                    flat[q + INDEX(3)] = f3
                 if n2 > 4:
-                    f[x, y, INDEX(k0 + 4)] += b * c4
+                    flat[q + INDEX(4)] = f4
                 if n2 > 5:
-                    f[x, y, INDEX(k0 + 5)] += b * c5
+                    flat[q + INDEX(5)] = f5
+                q += strides[1]
+            at += strides[0]
+
+
+@kernel
+def interpolate_block(
+    U: Array, base: Array, room: Array, u: Array, part: tuple, shape: tuple, rows: tuple
+) -> None:
+    """Interpolate component d at a block of points, U_d(q) = sum_x u(x) w0 w1 w2: the transpose of `spread_block`."""
+    first, count, d = part
+    flat, strides = u.reshape(u.size), (INDEX(shape[0]), INDEX(shape[1]))
+    i0, i1, i2, w0, w1, line = places(d, shape[2])
+    n0, n1, n2 = len(rows[0]), len(rows[1]), len(rows[2])
+    sums = np.empty((BLOCK, 4))
+    for b in range(count):
+        at = INDEX(base[INDEX(i0 + b)] * shape[0] + base[INDEX(i1 + b)] * shape[1] + base[INDEX(i2 + b)])
+        a0, a1, a2, a3, a4, a5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(n0):
+            p0, p1, p2, p3, p4, p5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            q = at
+            for j in range(n1):
+                y = room[INDEX(w1 + j * BLOCK + b)]
+                p0 += y * flat[q]
+                p1 += y * flat[q + INDEX(1)]
+                p2 += y * flat[q + INDEX(2)] if n2 > 2 else 0.0
+                p3 += y * flat[q + INDEX(3)] if n2 > 3 else 0.0
+                p4 += y * flat[q + INDEX(4)] if n2 > 4 else 0.0
+                p5 += y * flat[q + INDEX(5)] if n2 > 5 else 0.0
+                q += strides[1]
+            at += strides[0]
+            z = room[INDEX(w0 + i * BLOCK + b)]
+            a0 += z * p0
+            a1 += z * p1
+            a2 += z * p2
+            a3 += z * p3
+            a4 += z * p4
+            a5 += z * p5
+        k = INDEX(line + b * MOST)
+        a0 *= room[k]
+        a1 *= room[k + INDEX(1)]
+        a2 *= room[k + INDEX(2)]
+        a3 *= room[k + INDEX(3)]
+        if n2 > 4:
+            a0 += a4 * room[k + INDEX(4)]
+        if n2 > 5:
+            a1 += a5 * room[k + INDEX(5)]
+        sums[b, 0], sums[b, 1], sums[b, 2], sums[b, 3] = a0, a1, a2, a3
+    for b in range(count):
+        U[first + b, d] = (sums[b, 0] + sums[b, 1]) + (sums[b, 2] + sums[b, 3])
+
+
+@kernel
+def strides_of(f: Array, dim: int) -> tuple[int, int, int]:
+    """Return the distances of neighbours along the outer and the middle axis, and the number of dimensions."""
+    if dim == 2:
+        return 0, f.shape[1] * f.shape[2], dim
+    return f.shape[1] * f.shape[2], f.shape[2], dim
 
 
 @vectors
 @kernel
-def interpolate(U: Array, base: Array, w: Array, u: Array, d: int, kind: tuple, row: tuple) -> None:
-    """Interpolate component d, U_d(q) = sum_x u(x) w0 w1 w2: the transpose of `spread`."""
-    normal, tangential = kind[1], kind[2]
-    n0, n1 = normal if d == 0 else tangential, normal if d == 1 else tangential
-    s0, s1, s2 = int(d != 0), int(d != 1), int(d != 2)
-    for q in range(U.shape[0]):
-        i0, j0, k0 = base[q, 0, s0], base[q, 1, s1], base[q, 2, s2]
-        total = 0.0
-        for i in range(n0):
-            plane = 0.0
-            for j in range(n1):
-                line = 0.0
-                for k in range(len(row)):
-                    line += w[q, 2, s2, k] * u[INDEX(i0 + i), INDEX(j0 + j), INDEX(k0 + k)]
-                plane += w[q, 1, s1, j] * line
-            total += w[q, 0, s0, i] * plane
-        U[q, d] = total
+def spread(f: tuple, x: Array, F: Array, scale: float, kind: tuple, grid: tuple, rows: tuple) -> None:
+    """Spread forces F ``(num_points, dim)`` from points at x, f_d(x) += scale sum_q F_d(q) w0 w1 w2.
+
+    The weights of axis d are those on faces. ``rows`` are as many numbers as the kernel has points along and across
+    the component's axis, the outer axis of two dimensions having one.
+    """
+    normal, across, outer = rows
+    base, room = table()
+    for first in range(0, F.shape[0], BLOCK):
+        count = min(BLOCK, F.shape[0] - first)
+        weigh(base, room, x, first, count, kind, grid)
+        for d in range(len(f)):
+            part, g = (first, count, d), f[d]
+            if d == 0 and len(f) == 3:
+                spread_block(g, base, room, F, part, scale, strides_of(g, 3), (normal, across, across))
+            elif d == len(f) - 1:
+                spread_block(g, base, room, F, part, scale, strides_of(g, len(f)), (outer, across, normal))
+            else:
+                spread_block(g, base, room, F, part, scale, strides_of(g, len(f)), (outer, normal, across))
+
+
+@vectors
+@kernel
+def interpolate(U: Array, x: Array, u: tuple, kind: tuple, grid: tuple, rows: tuple) -> None:
+    """Interpolate a velocity on faces to points at x, U_d(q) = sum_x u_d(x) w0 w1 w2: the transpose of `spread`."""
+    normal, across, outer = rows
+    base, room = table()
+    for first in range(0, U.shape[0], BLOCK):
+        count = min(BLOCK, U.shape[0] - first)
+        weigh(base, room, x, first, count, kind, grid)
+        for d in range(len(u)):
+            part, v = (first, count, d), u[d]
+            if d == 0 and len(u) == 3:
+                interpolate_block(U, base, room, v, part, strides_of(v, 3), (normal, across, across))
+            elif d == len(u) - 1:
+                interpolate_block(U, base, room, v, part, strides_of(v, len(u)), (outer, across, normal))
+            else:
+                interpolate_block(U, base, room, v, part, strides_of(v, len(u)), (outer, normal, across))

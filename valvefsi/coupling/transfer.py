@@ -38,9 +38,9 @@ class Coupling:
         self.kind = kernels.KERNELS[kernel]
         self.reach = 0.5 * max(self.kind[1:])
         dim = grid.dim
-        # What the loops are compiled for: as many entries as each component's kernel has along the last axis.
-        across, along = (0,) * self.kind[2], (0,) * self.kind[1]
-        self.rows = ((0,), (0,)) if dim == 2 else (across, across, along)
+        # What the loops are compiled for: as many entries as the kernel has along an axis.
+        normal, across = ((0,) * points for points in self.kind[1:])
+        self.rows = (normal, across, across if dim == 3 else (0,))
         offset = tuple(g - s for g, s in zip(grid.ghosts, grid.start, strict=True))
         self.geometry = (grid.origin, 1.0 / grid.spacing, offset, dim)
         n1 = grid.process_grid[1]
@@ -164,12 +164,8 @@ class Transfer:
         failed = self.route.failed if self.route else problem is not None
         if failed:
             raise StabilityError(_first_problem(comm, problem))
-        x = self.route.send(place) if self.route else place
-        self.sides = coupling.sides_near(x) if moving else []
-        points = max(coupling.kind[1:])
-        self.base = np.empty((len(x), 3, 2), dtype=np.intp)
-        self.weights = np.empty((len(x), 3, 2, points))
-        kernels.prepare(self.base, self.weights, x, coupling.kind, coupling.geometry)
+        self.x = np.ascontiguousarray(self.route.send(place) if self.route else place)
+        self.sides = coupling.sides_near(self.x) if moving else []
 
     def spread(self, F: Array, out: Faces | None = None) -> Faces:
         """Spread nodal forces to the MAC faces, f = S[chi] F.
@@ -190,9 +186,8 @@ class Transfer:
         out = grid.zero_faces() if out is None else out
         F = np.ascontiguousarray(F[:, : grid.dim])
         F = self.route.send(F) if self.route else F
-        scale, kind = 1.0 / grid.cell_volume, self.coupling.kind
-        for d in range(grid.dim):
-            kernels.spread(out[d], self.base, self.weights, F, d, scale, kind, self.coupling.rows[d])
+        c, faces = self.coupling, tuple(out[: grid.dim])
+        kernels.spread(faces, self.x, F, 1.0 / grid.cell_volume, c.kind, c.geometry, c.rows)
         if self.sides:
             mirrors.fold(out, grid, self.coupling.signs, self.sides)
         grid.add_ghosts(out)
@@ -213,10 +208,8 @@ class Transfer:
             Collective.
         """
         grid = self.coupling.grid
-        values = np.empty((len(self.base), grid.dim))
-        kind = self.coupling.kind
-        for d in range(grid.dim):
-            kernels.interpolate(values, self.base, self.weights, u[d], d, kind, self.coupling.rows[d])
+        c, values = self.coupling, np.empty((len(self.x), grid.dim))
+        kernels.interpolate(values, self.x, tuple(u[: grid.dim]), c.kind, c.geometry, c.rows)
         values = self.route.send_back(values) if self.route else values
         if grid.dim == 3:
             return values
