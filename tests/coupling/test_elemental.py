@@ -132,6 +132,43 @@ def test_no_point_is_further_than_the_gap_from_its_nearest_neighbour(kind, gap):
             )
 
 
+def stretched(kind):
+    """Positions of a solid whose elements stretch along x, each by its own factor."""
+    solid, chi, _ = make(kind)
+    chi[:, 0] = 0.5 + 1.6 * (solid.X[:, 0] - 0.5 + 1e-9) ** 1.5
+    return solid, chi
+
+
+@pytest.mark.parametrize("kind", ["quadrilateral", "hexahedron"])
+@pytest.mark.parametrize("gap", [0.1, 0.07])
+def test_no_gap_on_a_line_through_elements_is_larger_than_asked_for_also_across_faces(kind, gap):
+    solid, chi = stretched(kind)
+    rule, start, kinds = ElementPoints(solid).refined(chi, gap), 0, set()
+    for group in rule.groups:
+        count, shape = len(group.cells), group.points
+        part = rule.x[start : start + group.weights.size].reshape(count, *shape, 3)
+        start += group.weights.size
+        kinds.add(shape)
+        for axis, n in enumerate(shape):
+            assert n > 1
+            apart = np.linalg.norm(np.diff(part, axis=1 + axis), axis=-1)
+            x = 0.5 + 0.5 * np.polynomial.legendre.leggauss(n)[0]
+            to_face = (
+                apart.take(0, axis=1 + axis) * x[0] / (x[1] - x[0])
+            )  # lines are straight in linear elements
+            assert apart.max() <= gap * (1 + 1e-12)
+            assert to_face.max() <= 0.5 * gap * (1 + 1e-12)
+    assert solid.comm.size > 1 or len(kinds) > 1
+
+
+@pytest.mark.parametrize("kind", ["quadrilateral", "hexahedron"])
+def test_long_elements_get_more_points_along_their_length_only(kind):
+    solid, chi = stretched(kind)
+    groups = ElementPoints(solid).refined(chi, 0.2).groups
+    assert all(n == 2 for group in groups for n in group.points[1:])
+    assert solid.comm.allreduce(max((group.points[0] for group in groups), default=0), op=MPI.MAX) > 2
+
+
 def test_elements_that_stretch_get_more_points_and_others_do_not():
     solid, _, _ = make("quadrilateral", comm=MPI.COMM_SELF)
     points = ElementPoints(solid)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -58,14 +59,21 @@ class ElementPoints:
         index_map = self.space.dofmap.index_map
         self.num_owned, self.num_local = index_map.size_local, index_map.size_local + index_map.num_ghosts
         self._vector = la.vector(index_map, 3)
-        self._groups: dict[int, _Group] = {}
-        self._counts = np.zeros(cells, dtype=int)
-        self.edges = np.array(basix.topology(self.cell)[1])
-        self.vertices = basix.geometry(self.cell)
+        self._groups: dict[tuple[int, ...], _Group] = {}
+        local = directions(self.cell.name)
+        ends = np.sort(self.nodes[:, local], axis=-1)
+        # Every edge of the mesh once, and those of each element along its directions, ``(num_cells, directions, k)``.
+        self.edges, which = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+        self.edges_of = which.reshape(ends.shape[:-1]).astype(np.uint32)
+        self._counts = np.zeros(self.edges_of.shape[:2], dtype=int)
         self.mass = (ConsistentMass if mass == "consistent" else LumpedMass)(self._mass_blocks(), self)
 
     def refined(self, chi: Array, gap: float) -> Rule:
-        """Return the points at chi, no two neighbours of one element further apart than ``gap`` [cm].
+        """Return the points at chi, no two neighbours further apart than ``gap`` [cm].
+
+        Quadrilaterals and hexahedra have as many points along each of their directions as the longest edge of that
+        direction asks for, so points that follow one another on a line through an element are at most a gap apart,
+        and those at its ends at most half a gap from its faces. Simplices have one number of points for all edges.
 
         Args:
             chi: Positions of the owned nodes, ``(n, 3)`` [cm].
@@ -79,36 +87,39 @@ class ElementPoints:
             Collective.
         """
         positions = self.local(chi)
-        longest = np.empty(len(self.nodes))
-        point_kernels.longest_edges(longest, positions, self.nodes, self.edges)
-        counts = np.searchsorted(-gaps(self.cell.name), -gap / np.maximum(longest, 1e-300)) + 1
-        counts = np.maximum(counts, self.smallest)
-        if not np.isfinite(longest).all() or counts.max(initial=0) > FINEST:
+        counts, squares = np.empty_like(self._counts), np.empty(len(self.edges))
+        enough = np.square(gap / gaps(self.cell.name)[self.smallest - 1 :])
+        point_kernels.square_lengths(squares, positions, self.edges)
+        point_kernels.count_points(counts, squares, self.edges_of, enough)
+        if counts.max(initial=0) == len(enough):
             raise StabilityError(
-                f"an element {longest.max():.3g} cm long needs more than {FINEST} points along its edge for gaps of "
-                f"{gap:.3g} cm; the solid is torn apart or its mesh is far too coarse"
+                f"an element {math.sqrt(squares.max()):.3g} cm long needs more than {FINEST} points along its edge for "
+                f"gaps of {gap:.3g} cm; the solid is torn apart or its mesh is far too coarse"
             )
+        counts += self.smallest
         if not np.array_equal(counts, self._counts) or not self._groups:
+            keys, which = np.unique(counts, axis=0, return_inverse=True)
             self._groups = {
-                int(n): self._group(int(n), np.flatnonzero(counts == n)) for n in np.unique(counts)
+                key: self._group(key, np.flatnonzero(which.ravel() == k))
+                for k, key in enumerate(map(tuple, keys.tolist()))
             }
             self._counts = counts
         return Rule(self, tuple(self._groups.values()), positions)
 
-    def _group(self, n: int, cells: NDArray[np.intp]) -> _Group:
-        """Return the elements with n points along an edge; weights that are known are taken over."""
+    def _group(self, n: tuple[int, ...], cells: NDArray[np.intp]) -> _Group:
+        """Return the elements with n points along the edges; weights that are known are taken over."""
         known = self._groups.get(n)
         if known is None:
             X, _ = rule(self.cell.name, n)
             phi = self.space.element.basix_element.tabulate(0, X)[0, :, :, 0]
-            return _Group(cells, self.nodes[cells], np.ascontiguousarray(phi), self._weights(n, cells))
+            return _Group(n, cells, self.nodes[cells], np.ascontiguousarray(phi), self._weights(n, cells))
         place = np.minimum(np.searchsorted(known.cells, cells), len(known.cells) - 1)
         new = known.cells[place] != cells
         weights = known.weights[place]
         weights[new] = self._weights(n, cells[new])
-        return _Group(cells, self.nodes[cells], known.phi, weights)
+        return _Group(n, cells, self.nodes[cells], known.phi, weights)
 
-    def _weights(self, n: int, cells: NDArray[np.intp]) -> Array:
+    def _weights(self, n: tuple[int, ...], cells: NDArray[np.intp]) -> Array:
         """Return w_q |det dX/dxi| of some elements, ``(num_cells, num_points)`` [cm^dim]."""
         X, w = rule(self.cell.name, n)
         slopes = self.geometry.basix_element.tabulate(1, X)[1:, :, :, 0]
@@ -117,7 +128,7 @@ class ElementPoints:
 
     def _mass_blocks(self) -> tuple[NDArray[np.int32], Array]:
         """Return the nodes of the elements and int phi_j phi_k dX of each, ``(num_cells, k, k)``."""
-        group = self._group(self.smallest, np.arange(len(self.nodes)))
+        group = self._group((self.smallest,) * self._counts.shape[1], np.arange(len(self.nodes)))
         return group.nodes, np.einsum("cq,qj,qk->cjk", group.weights, group.phi, group.phi, optimize=True)
 
     def local(self, values: Array) -> Array:
@@ -141,6 +152,8 @@ class ElementPoints:
 class _Group(NamedTuple):
     """Elements with one rule."""
 
+    points: tuple[int, ...]
+    """Number of points along each direction, the last one running fastest."""
     cells: NDArray[np.intp]
     """Local numbers in ascending order, ``(num_cells,)``."""
     nodes: NDArray[np.int32]
@@ -203,11 +216,32 @@ class Rule:
 
 
 @functools.cache
-def rule(cell: str, n: int) -> tuple[Array, Array]:
-    """Return points ``(num_points, tdim)`` and weights of the rule with n points along an edge (Gauss-Jacobi)."""
+def directions(cell: str) -> NDArray[np.int64]:
+    """Return the edges of a cell by direction, as pairs of vertices, ``(num_directions, k, 2)``.
+
+    Quadrilaterals and hexahedra have those of their axes, all edges of a simplex count as one direction.
+    """
     kind = getattr(basix.CellType, cell)
-    points, weights = basix.make_quadrature(kind, 2 * n - 1, rule=basix.QuadratureType.gauss_jacobi)
-    return points, weights
+    edges, vertices = np.array(basix.topology(kind)[1]), basix.geometry(kind)
+    if cell not in ("quadrilateral", "hexahedron"):
+        return edges[None]
+    along = np.abs(vertices[edges[:, 1]] - vertices[edges[:, 0]]).argmax(axis=1)
+    return np.stack([edges[along == axis] for axis in range(vertices.shape[1])])
+
+
+@functools.cache
+def rule(cell: str, n: tuple[int, ...]) -> tuple[Array, Array]:
+    """Return points ``(num_points, tdim)`` and weights of the Gauss rule with n points along the edges.
+
+    The last direction runs fastest. Simplices, with one number, take Gauss-Jacobi rules.
+    """
+    if len(n) == 1:
+        kind = getattr(basix.CellType, cell)
+        return basix.make_quadrature(kind, 2 * n[0] - 1, rule=basix.QuadratureType.gauss_jacobi)
+    lines = [np.polynomial.legendre.leggauss(k) for k in n]
+    points = np.stack(np.meshgrid(*(0.5 + 0.5 * x for x, _ in lines), indexing="ij"), axis=-1)
+    weights = functools.reduce(np.multiply.outer, (0.5 * w for _, w in lines))
+    return points.reshape(-1, len(n)), weights.ravel()
 
 
 @functools.cache
