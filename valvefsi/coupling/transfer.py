@@ -78,15 +78,15 @@ class Coupling:
         Note:
             Collective.
         """
-        place, problem = self._check(chi, self.low, self.high)
-        return Transfer(self, place, len(chi), problem)
+        ends = kernels.extent(chi[:, : self.grid.dim])
+        place, problem = self._check(chi, ends, self.low, self.high)
+        return Transfer(self, place, len(chi), problem, ends)
 
-    def _check(self, chi: Array, low: Array, high: Array) -> tuple[Array | None, str | None]:
+    def _check(self, chi: Array, ends: Array, low: Array, high: Array) -> tuple[Array | None, str | None]:
         """Return the places of points in the box, or what is wrong with them."""
         grid = self.grid
         place = chi[:, : grid.dim]
         slack = 1e-9 * grid.spacing[0]
-        ends = kernels.extent(place)  # not finite where any point is not
         if not len(place) or ((ends[0] >= low - slack) & (ends[1] <= high + slack) & np.isfinite(ends)).all():
             return self._wrap(place), None
         inside = (place >= low - slack) & (place <= high + slack) & np.isfinite(place)
@@ -101,11 +101,8 @@ class Coupling:
             )
         return None, f"a point of the solid at {np.array2string(worst, precision=4)} cm {what}"
 
-    def sides_near(self, place: Array) -> list[mirrors.Side]:
-        """Return the sides that reflect and that the kernel of a point on this rank reaches beyond."""
-        if not self.signs or not len(place):
-            return []
-        ends = kernels.extent(place)
+    def sides_near(self, ends: Array) -> list[mirrors.Side]:
+        """Return the sides that reflect and that the kernel of a point between these ends may reach beyond."""
         low, high = ends[0] < self.inner_low, ends[1] > self.inner_high
         return [(axis, upper) for axis, upper in self.signs if (high if upper else low)[axis]]
 
@@ -123,10 +120,11 @@ class Coupling:
             StabilityError: As in `at`, but on the rank of the point, and up to half a spacing nearer to a side:
                 forces on the faces of a side are the side's to bear.
         """
-        place, problem = self._check(chi, self.low_rigid, self.high_rigid)
+        ends = kernels.extent(chi[:, : self.grid.dim])
+        place, problem = self._check(chi, ends, self.low_rigid, self.high_rigid)
         if problem is not None:
             raise StabilityError(problem)
-        return Transfer(self, place, len(chi), None, moving=False)
+        return Transfer(self, place, len(chi), None, None)
 
     def _wrap(self, place: Array) -> Array:
         grid = self.grid
@@ -154,18 +152,20 @@ class Transfer:
     """Spreading and interpolation for one position of the points; made by `Coupling.at` and `Coupling.stay`."""
 
     def __init__(
-        self, coupling: Coupling, place: Array | None, count: int, problem: str | None, *, moving: bool = True
+        self, coupling: Coupling, place: Array | None, count: int, problem: str | None, ends: Array | None
     ) -> None:
         self.coupling, self.count = coupling, count
         comm = coupling.grid.comm
         self.route = None
-        if comm.size > 1 and moving:
+        if comm.size > 1 and ends is not None:  # points that stay are where they belong
             self.route = Route(comm, coupling.owners(place) if place is not None else None)
         failed = self.route.failed if self.route else problem is not None
         if failed:
             raise StabilityError(_first_problem(comm, problem))
         self.x = np.ascontiguousarray(self.route.send(place) if self.route else place)
-        self.sides = coupling.sides_near(self.x) if moving else []
+        self.sides: list[mirrors.Side] = []
+        if ends is not None and coupling.signs:
+            self.sides = coupling.sides_near(kernels.extent(self.x) if self.route else ends)
 
     def spread(self, F: Array, out: Faces | None = None) -> Faces:
         """Spread nodal forces to the MAC faces, f = S[chi] F.
