@@ -167,8 +167,37 @@ def advance(out: Array, x: Array, r: Array, y: Array, p: Array, q: Array, alpha:
 
 @vectors
 @kernel
+def solve_down(out: Array, y: Array, right: Array, q: Array, lower: tuple) -> None:
+    """Solve L y = right - q from the first row to the last; out_d = sum_i y_d(i)^2, and q = 0."""
+    start, columns, values, inverse = lower
+    e0, e1, e2, e3 = 0.0, 0.0, 0.0, 0.0
+    for i in range(y.shape[0]):
+        a, b, c, d = right[i, 0], right[i, 1], right[i, 2], right[i, 3]
+        a -= q[i, 0]
+        b -= q[i, 1]
+        c -= q[i, 2]
+        d -= q[i, 3]
+        q[i, 0], q[i, 1], q[i, 2], q[i, 3] = 0.0, 0.0, 0.0, 0.0
+        for e in range(start[i], start[i + 1]):
+            j, v = columns[e], values[e]
+            a -= v * y[j, 0]
+            b -= v * y[j, 1]
+            c -= v * y[j, 2]
+            d -= v * y[j, 3]
+        f = inverse[i]
+        a, b, c, d = f * a, f * b, f * c, f * d
+        e0 += a * a
+        e1 += b * b
+        e2 += c * c
+        e3 += d * d
+        y[i, 0], y[i, 1], y[i, 2], y[i, 3] = a, b, c, d
+    out[0], out[1], out[2], out[3] = e0, e1, e2, e3
+
+
+@vectors
+@kernel
 def solve_up(p: Array, z: Array, y: Array, beta: Array, upper: tuple) -> None:
-    """Solve L^T z = y from the last row to the first, and take the new direction p = z + beta p."""
+    """Solve L^T z = y from the last row to the first, and take p = z + beta p."""
     start, columns, values, inverse = upper
     b0, b1, b2, b3 = beta[0], beta[1], beta[2], beta[3]
     n = z.shape[0]
