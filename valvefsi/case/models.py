@@ -229,7 +229,7 @@ class Solid(Table):
         description='Coupling at the "nodal" points, or "elemental": at quadrature points that follow the elements',
     )
     point_gap: float = Field(
-        0.5, gt=0, description="elemental only: largest gap between neighbouring points, in grid spacings"
+        0.75, gt=0, description="elemental only: largest gap between neighbouring points, in grid spacings"
     )
     mass: Literal["consistent", "lumped"] = Field(
         "consistent", description='elemental only: mass of the projections, "consistent" or "lumped" (faster)'

@@ -15,8 +15,12 @@ from valvefsi.coupling.transfer import Coupling, Transfer
 from valvefsi.errors import StabilityError, raise_together
 from valvefsi.grid import Array, Faces, MacGrid
 
-GAP = 0.5
-"""Largest gap between neighbouring points, in grid spacings."""
+GAP = 0.75
+"""Largest gap between neighbouring points, in grid spacings.
+
+A plug of elements of 1 to 3 h lets through as much at a gap of 1 as at 0.3 (bspline3, ib4; within some per cent), a
+disk in a cavity keeps its area to 0.45 % at 0.5, 0.46 % at 0.75 and 0.48 % at 1.
+"""
 
 
 class Rule(Protocol):
