@@ -29,6 +29,7 @@ def test_one_plane_stands_out_by_half_the_mean_distance_of_two_places_of_its_ker
 def test_planes_behind_the_first_let_it_stand_out_farther(kernel):
     one, sparse, dense = (wall_offset(kernel, depths) for depths in ((0.0,), (0.0, 2.0, 4.0), range(5)))
     assert 0.0 < one < sparse < dense
+    assert wall_offset(kernel, (0.0, 1e4)) == pytest.approx(one, abs=1e-3)  # a plane far behind is not felt
 
 
 @pytest.mark.parametrize("depths", [(0.0,), (0.0, 1.0, 2.0)])
