@@ -9,9 +9,11 @@ import pytest
 
 from tests.coupled_case import block_model, simulation
 from valvefsi import fsi
+from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.planning import largest_square_sum, plan, step_limits
+from valvefsi.solid.element_points import ElementPoints
 
 
 def largest_speed_after(model, dt, steps=200):
@@ -75,11 +77,25 @@ def test_the_plan_states_sizes_limits_give_and_time(shared_tmp):
     [
         ({"cells": 16}, []),
         ({"cells": 24}, ["fluid leaks between points: neighbours are 1.50 h apart"]),
-        ({"cells": 16, "nu_stab": None}, ["no volumetric energy"]),
+        (
+            {"cells": 16, "nu_stab": None},
+            ["no volumetric energy", "without volumetric energy nodes 1.00 h apart"],
+        ),
+        ({"cells": 8, "nu_stab": None}, ["no volumetric energy"]),
+        ({"cells": 16, "kernel": "ib4"}, ["ib4 was 3 to 6 % off"]),
+        ({"cells": 8, "coupling": "elemental"}, []),
+        ({"cells": 24, "coupling": "elemental"}, ["elemental coupling was 5 % and more off"]),
     ],
 )
 def test_the_plan_warns_where_a_case_leaves_the_safe_range(shared_tmp, changes, warned):
-    run = simulation(shared_tmp, model=block_model(**changes))
+    choices = {"kernel": "bspline3", "coupling": "nodal"} | changes
+    kernel, kind = choices.pop("kernel"), choices.pop("coupling")
+    model = block_model(**choices)
+    if kind == "elemental":
+        coupling = ElementalCoupling(model.grid, kernel, ElementPoints(model.solids[0]))
+    else:
+        coupling = Coupling(model.grid, kernel)
+    run = simulation(shared_tmp, model=replace(model, couplings=(coupling,)))
     notes = [entry.note for entry in plan(run) if entry.quantity == "warning, block"]
     assert len(notes) == len(warned)
     for note, start in zip(notes, warned, strict=True):

@@ -80,6 +80,9 @@ class Held(Protocol):
     X: Array
     """Positions of this rank's points, ``(num_points, 3)`` [cm]."""
 
+    slip: float
+    """Rate at which a point slips back through the fluid to its place [1/s]."""
+
     def force(self, d: Array, U: Array) -> Array:
         """Forces on the fluid of points carried by d and moving with U, ``(num_points, 3)`` [dyn]."""
         ...
@@ -219,7 +222,8 @@ def step(model: Model, s: State, dt: float) -> State:
         V[k] += mobility[:, None] * F[k]
     chi = tuple(chi + dt * v for chi, v in zip(s.chi, V, strict=True))
     carried = tuple(
-        d + dt * transfer.interpolate(u_half) for d, transfer in zip(s.carried, model.transfers, strict=True)
+        (1.0 - dt * surface.slip) * d + dt * transfer.interpolate(u_half)
+        for surface, d, transfer in zip(model.rigid, s.carried, model.transfers, strict=True)
     )
     # 5. the circulation sees the new flow
     circuits = s.circuits

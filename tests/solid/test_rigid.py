@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,6 +89,22 @@ def test_the_force_holds_back_what_is_carried_away():
     assert force == pytest.approx(2.0 * np.array([[-0.3 - 4.0, 0.0, 0.6]]))
 
 
+def test_points_slip_back_to_their_place():
+    """One step from the same displacement: d' = d - slip d + what the flow carries, which both have in common."""
+    held = model(MPI.COMM_WORLD, 10.0 * MMHG)
+    state, _ = run(held, 20)
+    d, slip = state.carried[0], 0.3 / DT
+    surface = held.rigid[0]
+    settings = {"name": "tube", "stiffness": surface.stiffness, "damping": surface.damping}
+    areas = np.zeros(surface.num_nodes)
+    areas[surface.ids] = surface._weights[:, 0]
+    slipping = RigidSurface(surface.points, areas, surface.ids, slip=slip, **settings)
+    one = fsi.step(held, state, DT).carried[0]
+    two = fsi.step(replace(held, rigid=(slipping,)), state, DT).carried[0]
+    assert MPI.COMM_WORLD.allreduce(float(np.abs(d).max(initial=0.0)), op=MPI.MAX) > 1e-9
+    np.testing.assert_allclose(one - two, 0.3 * d, rtol=1e-9, atol=1e-15)
+
+
 def test_a_point_too_near_to_a_side_is_refused():
     grid = MacGrid([0.0] * 3, [1.0] * 3, (10, 10, 10), [False] * 3, MPI.COMM_SELF)
     coupling = Coupling(grid, "piecewise_linear")
@@ -96,9 +113,18 @@ def test_a_point_too_near_to_a_side_is_refused():
         coupling.stay(np.array([[0.5, 0.5, 0.04]]))
 
 
-@pytest.mark.parametrize(("stiffness", "damping"), [(0.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (math.nan, 1.0)])
-def test_springs_that_cannot_hold_are_refused(stiffness, damping):
-    with pytest.raises(ValueError, match="expected stiffness > 0 and damping >= 0"):
+@pytest.mark.parametrize(
+    ("stiffness", "damping", "slip"),
+    [(0.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (1.0, -1.0, 0.0), (math.nan, 1.0, 0.0), (1.0, 1.0, -1.0)],
+)
+def test_springs_that_cannot_hold_are_refused(stiffness, damping, slip):
+    with pytest.raises(ValueError, match="expected stiffness > 0, damping >= 0 and slip >= 0"):
         RigidSurface(
-            np.zeros((1, 3)), np.ones(1), np.arange(1), name="s", stiffness=stiffness, damping=damping
+            np.zeros((1, 3)),
+            np.ones(1),
+            np.arange(1),
+            name="s",
+            stiffness=stiffness,
+            damping=damping,
+            slip=slip,
         )

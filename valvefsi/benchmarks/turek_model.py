@@ -155,7 +155,9 @@ def build(cells: int, kernel: str, values: Mapping[str, float], comm: MPI.Comm) 
     )
     coupling = Coupling(grid, kernel)
     points, areas = cylinder_points(h)
-    cylinder = Cylinder(points, areas, coupling.own(points), name="cylinder", **hold)
+    cylinder = Cylinder(
+        points, areas, coupling.own(points), name="cylinder", slip=values["pace"] / dt, **hold
+    )
     explicit = 2.0 * dt < ExplicitViscosity.limit(grid, rho=rho, mu=mu)
     sides = Boundary(grid, {"x_lower": Wall(velocity=inflow(values)), "x_upper": Open()})
     kind = ExplicitViscosity if explicit else NavierStokes

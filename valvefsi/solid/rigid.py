@@ -3,6 +3,9 @@
 Springs and dampers hold each point, F = w (-kappa d - eta U), with d the way the fluid has carried it. As d is a small
 part of a grid spacing, the kernel stays where the point is at rest: its weights are made once, and every rank keeps the
 points of its own cells.
+
+Where points lie closer than their kernel tells apart, springs whose forces cancel in it are never held back and grow
+for as long as a run lasts: points may slip back through the fluid to their place, d' = u - slip d.
 """
 
 from __future__ import annotations
@@ -27,6 +30,8 @@ class RigidSurface:
         name: Name in files.
         stiffness: kappa per area [dyn/cm^3].
         damping: eta per area [dyn s/cm^3].
+        slip: Rate at which a point slips back through the fluid to its place [1/s]; a traction f drives fluid through
+            the surface with slip f / kappa.
         faces: Corners of quadrilaterals between the points, for pictures, ``(m, 4)``.
 
     Attributes:
@@ -44,12 +49,14 @@ class RigidSurface:
         name: str,
         stiffness: float,
         damping: float,
+        slip: float = 0.0,
         faces: NDArray[np.int64] | None = None,
     ) -> None:
-        if not stiffness > 0.0 or not damping >= 0.0:
-            raise ValueError(f"expected stiffness > 0 and damping >= 0, got {stiffness}, {damping}")
+        if not stiffness > 0.0 or not damping >= 0.0 or not slip >= 0.0:
+            message = "expected stiffness > 0, damping >= 0 and slip >= 0"
+            raise ValueError(f"{message}, got {stiffness}, {damping}, {slip}")
         self.name = name
-        self.stiffness, self.damping = float(stiffness), float(damping)
+        self.stiffness, self.damping, self.slip = float(stiffness), float(damping), float(slip)
         self.ids = np.asarray(mine, dtype=np.int64)
         self.num_nodes = len(points)
         self.points, self.faces = points, faces
