@@ -10,7 +10,7 @@ Here the flag is immersed, which differs from the published set-up in this:
   c1 = mu_s instead, a plate 1.2 times as stiff. Strains are a few per cent, so that the law matters little; the flag
   cannot change its area, which moves the tip along x at second order only.
 - The fluid keeps the area of what a kernel covers, not of the flag's layers: with ``nu_stab=0.4`` a flag of four cells
-  bends 1.06 times as softly as with 0.49, and the lift of FSI3 is 83 N/m instead of about 125.
+  bends 1.06 times as softly as with 0.49.
 - Where it is heavier than the fluid (FSI2, rho_s = 10 rho), twins of its nodes carry the difference, see
   `valvefsi.solid.inertia`.
 - It carries the fluid's viscosity, small against its elastic stress (mu omega / mu_s is about 2e-5).
