@@ -13,7 +13,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 # From the bottom to the top; the parts of one layer never import one another.
 LAYERS = [
-    {"units", "errors", "memory", "dolfinx_compat", "grading", "threads"},
+    {"units", "errors", "memory", "dolfinx_compat", "grading", "threads", "compiled"},
     {"grid"},
     {"fluid", "solid", "coupling", "circulation", "geometry", "diagnostics", "io"},
     {"fsi"},
@@ -30,6 +30,7 @@ LAYERS = [
 LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
 
 KERNELS = (
+    "compiled.py",
     "fluid/stencils.py",
     "fluid/advection.py",
     "fluid/*kernels*.py",

@@ -10,30 +10,16 @@ two of one point less, the velocity they interpolate from a solenoidal field on 
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
 
 import numba
 import numpy as np
 
+from valvefsi.compiled import vectors
+
 Array = np.ndarray
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 INDEX = np.uint64  # of a place that is not negative: no code for counting from the end
-
-
-def vectors(compiled: Callable) -> Callable:
-    """Let the compiler make vectors of sums that are written out, which numba leaves off: twice as fast here."""
-
-    @functools.wraps(compiled)
-    def call(*args: object) -> None:
-        before, numba.config.SLP_VECTORIZE = numba.config.SLP_VECTORIZE, 1
-        try:
-            compiled(*args)
-        finally:
-            numba.config.SLP_VECTORIZE = before
-
-    return call
 
 
 BSPLINE, IB3, IB4, IB5, IB6 = range(5)

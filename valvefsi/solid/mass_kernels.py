@@ -6,29 +6,15 @@ done at once, so that an entry of the matrix is read once.
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
 
 import numba
 import numpy as np
 
+from valvefsi.compiled import vectors
+
 Array = np.ndarray
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
-
-
-def vectors(compiled: Callable) -> Callable:
-    """Let the compiler make vectors of sums that are written out, which numba leaves off."""
-
-    @functools.wraps(compiled)
-    def call(*args: object) -> None:
-        before, numba.config.SLP_VECTORIZE = numba.config.SLP_VECTORIZE, 1
-        try:
-            compiled(*args)
-        finally:
-            numba.config.SLP_VECTORIZE = before
-
-    return call
 
 
 @kernel
