@@ -55,6 +55,11 @@ def test_what_is_compared_comes_ordered_and_once(tmp_path):
     assert len(collect([tmp_path], everything=True)) == 9
 
 
+def test_a_row_without_a_name_belongs_to_the_one_above(tmp_path):
+    write(tmp_path / "a", "alpha", table=[row("  drag", 1.4, 1.25, "one"), row("", 1.4, 1.3, "another")])
+    assert [line.quantity for line in collect([tmp_path])] == ["drag", "drag"]
+
+
 def test_bars_in_a_text_do_not_break_the_table(tmp_path):
     write(tmp_path / "a", "alpha", table=[row("|J - 1|", 0.1, 0.2, "x | y")])
     rows = markdown(collect([tmp_path])).splitlines()

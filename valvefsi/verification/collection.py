@@ -110,15 +110,18 @@ def _lines(path: Path) -> list[Line]:
         "file": path,
     }
     keys = ("computed", "reference", "difference_percent")
+    names: list[str] = []  # a row without a name compares the quantity above with another reference
+    for row in result["table"]:
+        names.append(str(row["quantity"]).strip() or (names[-1] if names else ""))
     return [
         Line(
-            quantity=str(row["quantity"]).strip(),
+            quantity=name,
             **{key: row.get(key) for key in keys},
             unit=row.get("unit", ""),
             source=row.get("source", ""),
             **shared,
         )
-        for row in result["table"]
+        for name, row in zip(names, result["table"], strict=True)
     ]
 
 
