@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from valvefsi import threads
 from valvefsi.fluid import axes
 from valvefsi.fluid.axes import KINDS, Axis
 from valvefsi.fluid.direct_solver import TensorSolver
+from valvefsi.fluid.line_solver import LineSolver
 from valvefsi.grid import MacGrid
 
 SAMPLE = ("periodic", "cells NN", "cells DN", "faces DD", "faces ND")
@@ -109,7 +111,53 @@ def test_solve_has_a_residual_of_round_off_in_two_dimensions(kinds, limit, monke
     check_residual((17, 13), kinds, (MPI.COMM_WORLD.size, 1), limit, monkeypatch)
 
 
-def check_residual(cells, kinds, process_grid, limit, monkeypatch, *, graded=False):
+@pytest.mark.parametrize("graded", [False, True])
+@pytest.mark.parametrize("kinds", [(a, b, "cells NN") for a in KINDS for b in SAMPLE])
+def test_solve_by_modes_has_a_residual_of_round_off(kinds, graded, monkeypatch):
+    called = []
+    process_grid = process_grids()[0]
+    check_residual((17, 19, 11), kinds, process_grid, 0, monkeypatch, graded=graded, correct=called.append)
+    assert len(called) == 1
+
+
+@pytest.mark.parametrize("graded", [False, True])
+@pytest.mark.parametrize(
+    "kinds", [("cells NN", "cells NN", "periodic"), ("faces NN", "cells NN", "faces NN")]
+)
+def test_lines_and_modes_drop_the_same_part_of_a_singular_right_side(kinds, graded):
+    edges = [np.cumsum(np.append(0.0, some_widths(n, graded=graded))) for n in (17, 19, 11)]
+    grid = MacGrid.graded(edges, [False] * 3)
+    solver = TensorSolver(grid, kinds)
+    shape = [grid.size[d] + (grid.is_last[d] and kinds[d].startswith("faces")) for d in range(3)]
+    r = 1.0 + np.random.default_rng(grid.comm.rank).random(shape)
+    by_lines = solver.solve(r.copy(), 0.0, -1.0)
+    by_modes = solver.solve(r.copy(), 0.0, -1.0, lambda x: None)
+    np.testing.assert_allclose(by_lines, by_modes, atol=1e-12 * np.abs(by_modes).max())
+
+
+@pytest.mark.parametrize("n", [2, 3, 40])
+@pytest.mark.parametrize("lines", [1, 63, 64, 200])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "periodic"])
+def test_elimination_solves_every_line(kind, lines, n, monkeypatch):
+    monkeypatch.setattr(threads, "LEAST", 1)
+    monkeypatch.setattr(threads, "count", lambda: 2)
+    widths, rng = some_widths(n, graded=True), np.random.default_rng(lines)
+    axis, D = Axis(kind, widths), second_difference(kind, widths)
+    shift, r = 0.1 + rng.random(lines), rng.standard_normal((axis.size, lines, 1))
+    x = r.copy()
+    LineSolver(axis).solve(x, shift[:, None], 0.3)
+    expected = [
+        np.linalg.solve(s * np.eye(axis.size) - 0.3 * D, b) for s, b in zip(shift, r[..., 0].T, strict=True)
+    ]
+    np.testing.assert_allclose(x[..., 0].T, expected, rtol=1e-11, atol=1e-12)
+
+
+def test_lines_of_a_periodic_axis_are_refused():
+    with pytest.raises(ValueError, match="a periodic axis has no tridiagonal second difference"):
+        LineSolver(Axis("periodic", np.ones(4)))
+
+
+def check_residual(cells, kinds, process_grid, limit, monkeypatch, *, graded=False, correct=None):
     monkeypatch.setattr(axes, "MATRIX_LIMIT", dict.fromkeys(KINDS, limit))
     dim = len(cells)
     edges = [np.cumsum(np.append(0.0, some_widths(n, graded=graded))) for n in cells]
@@ -132,7 +180,7 @@ def check_residual(cells, kinds, process_grid, limit, monkeypatch, *, graded=Fal
         shift = int(kind.startswith("faces D"))
         first, last = grid.start[axis] - shift, grid.start[axis] + grid.size[axis] - shift
         mine.append(slice(max(first, 0), shape[axis] if grid.is_last[axis] else last))
-    x = solver.solve(r[tuple(mine)].copy(), a, b)
+    x = solver.solve(r[tuple(mine)].copy(), a, b, correct)
     whole = np.zeros(shape)
     whole[tuple(mine)] = x
     grid.comm.Allreduce(MPI.IN_PLACE, whole)

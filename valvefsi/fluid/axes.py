@@ -101,6 +101,14 @@ class Axis:
         """Return D as a dense matrix, ``(size, size)`` [1/cm^2]."""
         return self._symmetric_part() / self.volumes[:, None]
 
+    def bands(self) -> tuple[Array, Array]:
+        """Return the diagonal of M D, ``(size,)``, and what is beside it, zero beyond the ends, ``(size + 1,)`` [1/cm].
+
+        M D is tridiagonal unless the axis is periodic.
+        """
+        K = self._symmetric_part()
+        return np.diag(K).copy(), np.pad(np.diag(K, 1), 1)
+
     def _symmetric_part(self) -> Array:
         """Return M D, a graph Laplacian: one coupling per pair of neighbours, and one per end with a given value."""
         w, n = self.widths, len(self.widths)

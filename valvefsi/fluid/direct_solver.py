@@ -2,6 +2,8 @@
 
 The operator a - b (D0 + D1 + D2), a sum of one-dimensional second differences, is diagonal in the product of
 their eigenvectors: transform along each axis, divide, transform back. See `valvefsi.fluid.axes` for the transforms.
+Where axis 0 is not periodic it is not transformed: its lines are eliminated, see `valvefsi.fluid.line_solver`, unless
+the modes are asked for.
 
 In parallel every rank holds whole lines of axis 2, and two transposes give it whole lines of axis 1 and axis 0.
 """
@@ -15,6 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.fluid.axes import Axis
+from valvefsi.fluid.line_solver import LineSolver
 from valvefsi.fluid.stencils import divide
 from valvefsi.grid import MacGrid
 
@@ -56,6 +59,7 @@ class TensorSolver:
             np.ascontiguousarray(axis.eigenvalues[own])
             for axis, own in zip(self.axes, self.modes, strict=True)
         )
+        self.lines = LineSolver(self.axes[0]) if kinds[0] != "periodic" else None
 
     @property
     def singular(self) -> bool:
@@ -82,15 +86,23 @@ class TensorSolver:
         x = first.forward(x) if first else x
         x = self.axes[1].transform(x, 1)
         x = second.forward(x) if second else x
-        x = self.axes[0].transform(x, 0)
-        divide(x, self.eigenvalues, a, b)
-        if correct is not None:
-            correct(x)
-        x = self.axes[0].transform(x, 0, inverse=True)
+        if self.lines is not None and correct is None:
+            _, l1, l2 = self.eigenvalues
+            self.lines.solve(x, a - b * (l1[:, None] + l2), b)
+        else:
+            x = self._along_modes(x, a, b, correct)
         x = second.backward(x) if second else x
         x = self.axes[1].transform(x, 1, inverse=True)
         x = first.backward(x) if first else x
         return self.axes[2].transform(x, 2, inverse=True)
+
+    def _along_modes(self, x: Array, a: float, b: float, correct: Callable[[Array], None] | None) -> Array:
+        """Transform along axis 0, divide, correct and transform back."""
+        x = self.axes[0].transform(x, 0)
+        divide(x, self.eigenvalues, a, b)
+        if correct is not None:
+            correct(x)
+        return self.axes[0].transform(x, 0, inverse=True)
 
 
 def _split(size: int, parts: int) -> Array:
