@@ -37,7 +37,7 @@ KERNELS = (
     "coupling/kernels.py",
     "solid/*kernels*.py",
 )
-FORMS = ("solid/*", "io/*", "geometry/*", "dolfinx_compat.py")
+FORMS = ("solid/*", "io/*", "geometry/*", "fluid/fitted.py", "dolfinx_compat.py")
 BORDER = ("case.py", "case/*", "cli.py", "cli/*")
 FENCES = {
     **dict.fromkeys(("ufl", "dolfinx", "basix", "ffcx"), FORMS),

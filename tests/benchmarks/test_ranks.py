@@ -13,6 +13,7 @@ from valvefsi.benchmarks import (
     compression,
     cook,
     cylinder,
+    cylinder_fitted,
     immersed_study,
     kernels,
     shell,
@@ -63,6 +64,9 @@ RUNS = {
     "turek-fsi": of(turek, case="fsi2", cells=2, t_end=0.01),
     "valve-2d": of(valve_2d, cells=24, t_end=0.002),
     "cylinder": lambda **where: cylinder.run(cells=8, overrides=["t_end=0.5", "width=12"], **where),
+    "cylinder-fitted": lambda **where: cylinder_fitted.run(
+        size=0.2, overrides=["t_end=0.5", "width=6"], **where
+    ),
 }
 
 FLOORS = {"turek-fsi": 1e-8}

@@ -120,15 +120,7 @@ def run(
     t, drag, lift = march(model, dt, parameters["t_end"], progress)
     found = numbers(t, drag, lift)
     published = PUBLISHED.get(parameters["reynolds"], {})
-    source = SOURCES.get(parameters["reynolds"], "")
-    table = [
-        row(name, found[key], sum(published[key]) / 2 if published else None, source)
-        for key, name in (
-            ("drag", "mean drag"),
-            ("lift", "amplitude of lift"),
-            ("strouhal", "Strouhal number"),
-        )
-    ]
+    table = compared(found, parameters["reynolds"])
     wall, steps = time.perf_counter() - started, len(t)
     count = math.prod(model.grid.cells)
     result = {
@@ -141,15 +133,36 @@ def run(
         "environment": environment(comm),
     }
     write_result(out, result, comm)
+    title = f"Cylinder at Re {parameters['reynolds']:g}, {cells} cells across"
+    write_forces(out, (t, drag, lift), published, title, comm)
+    return result
+
+
+def compared(found: dict[str, float], reynolds: float) -> list[dict[str, object]]:
+    """Return the rows of a table that compare what was found with the middle of the published ranges."""
+    published, source = PUBLISHED.get(reynolds, {}), SOURCES.get(reynolds, "")
+    labels = {"drag": "mean drag", "lift": "amplitude of lift", "strouhal": "Strouhal number"}
+    return [
+        row(label, found[key], sum(published[key]) / 2 if published else None, source)
+        for key, label in labels.items()
+    ]
+
+
+def write_forces(
+    out: Path,
+    curves: tuple[Array, Array, Array],
+    published: dict[str, tuple[float, float]],
+    title: str,
+    comm: MPI.Comm,
+) -> None:
+    """Write ``forces.csv`` and ``forces.png``: times, drag and lift, with published ranges (collective)."""
     if comm.rank == 0:
-        columns = np.stack([t, drag, lift], axis=1)[:: max(1, steps // 5000)]
+        columns = np.stack(curves, axis=1)[:: max(1, len(curves[0]) // 5000)]
         np.savetxt(Path(out) / "forces.csv", columns, delimiter=",", comments="", header="t,drag,lift")
         from valvefsi.io.decay_plots import forces
 
-        name = f"Cylinder at Re {parameters['reynolds']:g}, {cells} cells across"
-        forces(Path(out) / "forces.png", (t, drag, lift), published, title=name)
+        forces(Path(out) / "forces.png", curves, published, title=title)
     comm.barrier()
-    return result
 
 
 def build(cells: int, parameters: dict[str, object], comm: MPI.Comm) -> tuple[fsi.Model, float]:

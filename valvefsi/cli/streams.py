@@ -35,6 +35,18 @@ def cylinder(
     _run("cylinder", out, cells=grid, overrides=overrides or ())
 
 
+@streams.command("cylinder-fitted")
+def cylinder_fitted(
+    size: Annotated[
+        float, typer.Option("--size", help="Length of the elements at the cylinder, in diameters.")
+    ] = 0.03,
+    overrides: Set = None,
+    out: Out = None,
+) -> None:
+    """The same flow on a mesh that fits the cylinder, with finite elements: an independent answer."""
+    _run("cylinder-fitted", out, size=size, overrides=overrides or ())
+
+
 @streams.command("channel")
 def channel(
     grid: Annotated[int, typer.Option("--grid", min=4, help="Cells across on the coarsest grid.")] = 16,
