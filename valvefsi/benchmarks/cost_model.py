@@ -2,7 +2,7 @@
 
 Only the busiest rank is counted: n0 n1 N cells of a cube of N cells along each axis on p0 p1 ranks, ghosts computed
 along with them where a kernel does so. The constants are times of one core per entry (advection, everything that
-streams) and per cell and level (transforms); no core waits for another but in messages, which cost
+streams) and per cell and level (transforms with elimination); no core waits for another but in messages, which cost
 latency + bytes / bandwidth each, one after the other.
 
 Flops and bytes are those that the formulas need, each array read once per kernel; they say what to expect of the
@@ -110,11 +110,12 @@ def work(n: int, ranks: int, *, solves: int = 4, advection: str = "xsppm7") -> W
         entries=entries,
         levels=levels,
         packed=2 * solves * cells * ((p0 > 1) + (p1 > 1)),
-        # A real transform takes 2.5 n log2 n, there are six per solve; right-hand side, projection and update 100.
-        flops=9 * ADVECTION_FLOPS[advection] * entries + 15.0 * levels + 100 * cells,
+        # A real transform takes 2.5 n log2 n, there are four per solve, and ten operations per cell eliminate the lines
+        # of the third axis; right-hand side, projection and update 100.
+        flops=9 * ADVECTION_FLOPS[advection] * entries + 10.0 * levels + (100 + 10 * solves) * cells,
         # Arrays read once, written with a read before: 18 arrays in advection, 24 in the right-hand side, 25 in the
-        # projection; each transform reads and writes its array.
-        bytes=8.0 * (67 * entries + 18 * solves * cells),
+        # projection; each transform and the elimination read and write their array.
+        bytes=8.0 * (67 * entries + 14 * solves * cells),
         messages=messages,
         sent=sent,
     )
