@@ -113,13 +113,27 @@ def _fill(
     long = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
     gmsh.option.setNumber("Mesh.MeshSizeMax", size if size is not None else float(np.median(long)))
     gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
-    for number, tag in enumerate(surfaces, start=1):
-        gmsh.model.addPhysicalGroup(2, [tag], name=f"surface_{number}")
+    for number, tags in enumerate(_in_patches(gmsh, points, triangles, angle), start=1):
+        gmsh.model.addPhysicalGroup(2, tags, name=f"surface_{number}")
     gmsh.model.addPhysicalGroup(3, [body], name="body")
     try:
         gmsh.model.mesh.generate(3)
     except Exception as error:  # gmsh raises nothing narrower
         raise CaseError(f"gmsh cannot fill this surface: {error}", file=path) from None
+
+
+def _in_patches(gmsh: object, points: Array, triangles: NDArray, angle: float) -> list[list[int]]:
+    """Gather gmsh's surfaces by patch: it cuts patches further, such that each can be laid flat."""
+    from scipy.spatial import cKDTree
+
+    patch = _patches(points, triangles, angle)
+    centres = cKDTree(points[triangles].mean(axis=1))
+    found: list[list[int]] = [[] for _ in range(patch.max() + 1)]
+    for _, tag in gmsh.model.getEntities(2):
+        corners = gmsh.model.mesh.getElements(2, tag)[2][0][:3]
+        centre = np.mean([gmsh.model.mesh.getNode(node)[0] for node in corners], axis=0)
+        found[patch[centres.query(centre)[1]]].append(tag)
+    return [tags for tags in found if tags]
 
 
 def _take(gmsh: object, points: Array, kind: str, cells: NDArray, angle: float) -> None:
