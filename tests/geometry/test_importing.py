@@ -44,6 +44,12 @@ def test_a_box_of_triangles_is_filled(tmp_path):
     np.testing.assert_allclose(sorted(areas), [0.5, 0.5, 1.0, 1.0, 2.0, 2.0])
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_surface_in_text_gives_no_warning(tmp_path):
+    meshio.Mesh(CORNERS, [("triangle", TRIANGLES)]).write(tmp_path / "box.stl", binary=False)
+    assert import_mesh(tmp_path / "box.stl", tmp_path / "box.msh")["cell"] == "tetrahedron"
+
+
 def test_the_size_that_is_asked_for_is_that_of_the_cells(tmp_path):
     meshio.Mesh(CORNERS, [("triangle", TRIANGLES)]).write(tmp_path / "box.stl", binary=True)
     cells = {

@@ -75,7 +75,10 @@ def _read(path: Path) -> tuple[Array, dict[str, NDArray]]:
     import meshio
 
     try:
-        mesh = meshio.read(path)
+        with np.errstate(
+            over="ignore"
+        ):  # meshio takes the text of an STL file for the number of its triangles first
+            mesh = meshio.read(path)
     except (OSError, meshio.ReadError, SystemExit, ValueError, KeyError) as error:
         raise CaseError(f"cannot read this file: {error}", file=path) from None
     points = np.asarray(mesh.points, dtype=float)
