@@ -52,8 +52,10 @@ def free_edges(
             _end_on(figure, axes, edges, _chosen(edges, part), radius)
             axes.set_title(name, fontsize=10.5)
         below = figure.add_axes((0.09, 0.08, 0.87, 0.25))
-        for k, colour in enumerate(LINES[:3]):
-            below.plot(t, edges["middles"][:, k], color=colour, linewidth=1.6, label=f"leaflet {k + 1}")
+        for k, (colour, dashes) in enumerate(zip(LINES[:3], ("-", "-", (0, (4, 4))), strict=True)):
+            # The last one is dashed: in a flow that mirrors them two leaflets move alike.
+            line = {"color": colour, "linestyle": dashes, "linewidth": 1.6, "label": f"leaflet {k + 1}"}
+            below.plot(t, edges["middles"][:, k], **line)
         below.set(xlabel="t [s]", ylabel="middle of the free edge\nfrom the axis [cm]")
         below.margins(x=0)
         plain(below)
