@@ -81,6 +81,13 @@ def test_the_command_writes_its_forces(shared_tmp):
         run(cells=8, out=shared_tmp, overrides=["kernle=ib4"])
 
 
+def test_the_answer_on_a_mesh_that_fits_is_compared_with_in_its_box_alone(shared_tmp):
+    result = run(cells=8, out=shared_tmp, overrides=["t_end=0.05", "reynolds=200"])
+    assert [entry["reference"] for entry in result["table"][3:]] == [1.3371, 0.6798, 0.19654]
+    other = run(cells=8, out=shared_tmp, overrides=["t_end=0.05", "reynolds=150"])
+    assert [entry["reference"] for entry in other["table"]] == [None] * 3
+
+
 def test_points_lie_inside_the_circle_by_the_kernels_offset():
     parameters = defaults(PARAMETERS) | {"width": 12.0}
     radii = []
