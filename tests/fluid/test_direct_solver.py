@@ -144,8 +144,7 @@ def test_elimination_solves_every_line(kind, lines, n, monkeypatch):
     widths, rng = some_widths(n, graded=True), np.random.default_rng(lines)
     axis, D = Axis(kind, widths), second_difference(kind, widths)
     shift, r = 0.1 + rng.random(lines), rng.standard_normal((axis.size, lines, 1))
-    x = r.copy()
-    LineSolver(axis).solve(x, shift[:, None], 0.3)
+    x = LineSolver(axis).solve(r.copy(), shift[:, None], 0.3)
     expected = [
         np.linalg.solve(s * np.eye(axis.size) - 0.3 * D, b) for s, b in zip(shift, r[..., 0].T, strict=True)
     ]

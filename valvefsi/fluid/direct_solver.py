@@ -88,7 +88,7 @@ class TensorSolver:
         x = second.forward(x) if second else x
         if self.lines is not None and correct is None:
             _, l1, l2 = self.eigenvalues
-            self.lines.solve(x, a - b * (l1[:, None] + l2), b)
+            x = self.lines.solve(x, a - b * (l1[:, None] + l2), b)
         else:
             x = self._along_modes(x, a, b, correct)
         x = second.backward(x) if second else x

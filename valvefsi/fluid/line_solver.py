@@ -23,8 +23,7 @@ def eliminate(x: Array, bands: tuple, shift: Array, first: int, last: int) -> No
     """Solve (shift_k V + K) x_k = V x_k for the lines ``first`` to ``last``, columns of x, in place.
 
     V is diagonal and K symmetric and tridiagonal; ``bands`` are V, the diagonal of K and what stands beside it with its
-    sign changed. shift V + K is definite, so that no pivoting is needed; where it is singular the line is left without
-    meaning.
+    sign changed. shift V + K is definite, so that no pivoting is needed.
     """
     volume, diagonal, beside = bands
     n = x.shape[0]
@@ -72,17 +71,22 @@ class LineSolver:
         self.diagonal, self.beside = axis.bands()
         self.loose = axis.kind.endswith("NN")
 
-    def solve(self, x: Array, shift: Array, b: float) -> None:
-        """Solve in place for every line; of a singular one neither r's mean counts nor has x one.
+    def solve(self, x: Array, shift: Array, b: float) -> Array:
+        """Solve for every line; of a singular one neither r's mean counts nor has x one.
 
         Args:
-            x: Right-hand sides, contiguous, ``(n0, n1, n2)``, overwritten by the solutions.
+            x: Right-hand sides, ``(n0, n1, n2)``; may be overwritten.
             shift: Multiple of the identity of every line, ``(n1, n2)``.
             b: Multiple of the second difference, of such a sign that shift - b D is definite or singular.
+
+        Returns:
+            The solutions, same shape.
         """
-        lines, flat = x.reshape(len(x), -1), shift.ravel()
+        lines, flat = np.ascontiguousarray(x).reshape(len(x), -1), shift.ravel()
         singular = np.flatnonzero(flat == 0.0) if self.loose else ()
         kept = [lines[:, k].copy() for k in singular]
+        if kept:  # anything definite in their place: no division by zero, whose flag a later sum might report
+            flat = np.where(flat == 0.0, b, flat)
         bands = (self.volumes, -b * self.diagonal, b * self.beside)
         threads.divide(
             lambda first, last: eliminate(lines, bands, flat, first, last),
@@ -93,11 +97,12 @@ class LineSolver:
         )
         for k, r in zip(singular, kept, strict=True):
             lines[:, k] = self._singular(r) / -b
+        return lines.reshape(x.shape)
 
     def _singular(self, r: Array) -> Array:
         """Return x without a mean with D x = r less its mean: fluxes are summed up, then differences."""
         V = self.volumes
-        r = r - (V @ r) / V.sum()
+        r = r - (V * r).sum() / V.sum()
         flux = np.cumsum(V * r)[:-1]
         x = np.concatenate([[0.0], np.cumsum(flux / self.beside[1:-1])])
-        return x - (V @ x) / V.sum()
+        return x - (V * x).sum() / V.sum()
