@@ -117,6 +117,7 @@ def run(
     started = time.perf_counter()
     flow, cells = flow_around(size, values, comm)
     t, drag, lift = march(flow, values["t_end"], progress)
+    flow.destroy()
     found = numbers(t, drag, lift)
     published = PUBLISHED.get(values["reynolds"], {})
     unknowns = flow.space.dofmap.index_map.size_global

@@ -71,7 +71,9 @@ class FittedFlow:
         self.velocity, self.before = fem.Function(self.space), fem.Function(self.space)
         self._set_up_forms(rho, mu)
         self.nodes, self.given, self.fixed = self._given(sides)
-        self.lifted = self.given.duplicate()
+        # PETSc keeps what is dropped on several ranks: a step makes no vectors.
+        self.lifted, self.known, self.x, self.residual = (self.given.duplicate() for _ in range(4))
+        self.right = compat.create_vector(self.space)
         self.matrix.mult(self.given, self.lifted)
         self.solver = self._factorise()
 
@@ -164,16 +166,15 @@ class FittedFlow:
         Note:
             Collective.
         """
-        right = compat.create_vector(self.space)
+        right, known, x, residual = self.right, self.known, self.x, self.residual
         with right.localForm() as local:
             local.set(0.0)
         petsc.assemble_vector(right, self.form)
         right.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
-        known, x = right.copy(), right.duplicate()
+        right.copy(known)
         right.axpy(-1.0, self.lifted)
         right.array[self.fixed] = self.given.array[self.fixed]
         self.solver.solve(right, x)
-        residual = right.duplicate()
         self.matrix.mult(x, residual)
         residual.axpy(-1.0, known)
         self.before.x.array[:] = self.velocity.x.array
@@ -185,3 +186,10 @@ class FittedFlow:
         if not np.all(np.isfinite(forces)):
             raise StabilityError(f"the velocity is not finite at t = {self.t:.4g} s; try a shorter step")
         return dict(zip(self.nodes, forces, strict=True))
+
+    def destroy(self) -> None:
+        """Give PETSc's objects back, which nothing else does on several ranks (collective)."""
+        factorised, _ = self.solver.getOperators()
+        vectors = (self.given, self.lifted, self.known, self.x, self.residual, self.right)
+        for thing in (self.solver, factorised, self.matrix, *vectors):
+            thing.destroy()

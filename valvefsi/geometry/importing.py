@@ -75,9 +75,8 @@ def _read(path: Path) -> tuple[Array, dict[str, NDArray]]:
     import meshio
 
     try:
-        with np.errstate(
-            over="ignore"
-        ):  # meshio takes the text of an STL file for the number of its triangles first
+        # meshio takes the text of an STL file for the number of its triangles first, which overflows.
+        with np.errstate(over="ignore"):
             mesh = meshio.read(path)
     except (OSError, meshio.ReadError, SystemExit, ValueError, KeyError) as error:
         raise CaseError(f"cannot read this file: {error}", file=path) from None
