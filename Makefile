@@ -38,7 +38,8 @@ test: $(STAMP) ## the test suite on one rank
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(PYTEST) -m 'not slow' $(ARGS)
 
 # In parts, each in processes of its own: an MPI library has only so many communicators, and PETSc frees them late.
-PARTS = "tests/test_*.py tests/io tests/circulation tests/fitting tests/geometry" \
+PARTS = "tests/test_*.py tests/io tests/post tests/circulation tests/fitting tests/geometry tests/runtime" \
+	"tests/case tests/cli tests/run tests/bodies tests/verification" \
 	"tests/coupling tests/fluid" "tests/solid/test_[a-l]*.py" "tests/solid/test_[m-z]*.py" "tests/benchmarks"
 
 test-parallel: $(STAMP) ## the same tests under mpirun, without those that start processes of their own

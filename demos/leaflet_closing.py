@@ -18,16 +18,16 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.geometry.benchmark_shapes import leaflet
-from valvefsi.io.plots import LINES, STYLE
 from valvefsi.io.solid_body import Body, write_body
-from valvefsi.io.solid_plots import deformed
-from valvefsi.solid import fibres
+from valvefsi.post.plots.base import LINES, STYLE
+from valvefsi.post.plots.solid import deformed
 from valvefsi.solid.dynamics import CentralDifferences, MovingSolid, run
-from valvefsi.solid.fibre_materials import HGO, FibreFamily
-from valvefsi.solid.formulations import NearlyIncompressible
 from valvefsi.solid.loads import Pressure, Ramp
+from valvefsi.solid.materials import fibres
+from valvefsi.solid.materials.fibre_reinforced import HGO, FibreFamily
+from valvefsi.solid.statics.formulations import NearlyIncompressible
+from valvefsi.solid.statics.supports import Fixed
 from valvefsi.solid.stress import LABELS, Stress
-from valvefsi.solid.supports import Fixed
 
 ELEMENTS = (10, 6)  # around and up; larger is slower
 RADIUS, HEIGHT, HALF_ANGLE = 1.25, 1.4, 40.0

@@ -16,11 +16,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi import diagnostics, fsi
+from valvefsi import fsi
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
 from valvefsi.grid import MacGrid
+from valvefsi.post import diagnostics
 
 SIZES = (16, 32, 64)
 OUT = Path(os.environ.get("VALVEFSI_DEMO_OUT", "results/demo_taylor_green"))

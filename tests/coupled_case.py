@@ -10,9 +10,9 @@ from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
 from valvefsi.geometry.shapes import compressed_block
 from valvefsi.grid import MacGrid
-from valvefsi.recording import Output, Probe
-from valvefsi.schedule import Schedule
-from valvefsi.simulation import Simulation
+from valvefsi.run.recording import Output, Probe
+from valvefsi.run.schedule import Schedule
+from valvefsi.run.simulation import Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Damping, Discretisation, Structure

@@ -9,13 +9,14 @@ import pytest
 from mpi4py import MPI
 
 from tests.ordering import assert_order
-from valvefsi import diagnostics, fsi
+from valvefsi import fsi
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
 from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.grid import MacGrid
+from valvefsi.post import diagnostics
 from valvefsi.solid.loads import DeadLoad, Ramp
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure

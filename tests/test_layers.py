@@ -13,36 +13,35 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 # From the bottom to the top; the parts of one layer never import one another.
 LAYERS = [
-    {"units", "errors", "memory", "dolfinx_compat", "grading", "threads", "compiled"},
+    {"types", "units", "errors"},
+    {"runtime"},
     {"grid"},
-    {"fluid", "solid", "coupling", "circulation", "geometry", "diagnostics", "io"},
+    {"fluid", "solid", "coupling", "circulation", "geometry", "io"},
+    {"bodies"},
     {"fsi"},
-    {"statistics", "recorded_stress", "stable_step", "health"},
-    {"recording", "schedule"},
-    {"pictures"},
-    {"simulation"},
-    {"planning"},
+    {"post"},
+    {"run"},
     {"case"},
-    {"benchmarks", "fitting", "verification"},
+    {"benchmarks", "studies", "fitting", "verification", "report"},
     {"cli"},
     {"__main__"},
 ]
 LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
 
 KERNELS = (
-    "compiled.py",
+    "runtime/compiled.py",
     "fluid/stencils.py",
     "fluid/advection.py",
     "fluid/*kernels*.py",
     "coupling/kernels.py",
-    "solid/*kernels*.py",
+    "solid/elements/*kernels*.py",
 )
-FORMS = ("solid/*", "io/*", "geometry/*", "fluid/fitted.py", "dolfinx_compat.py")
+FORMS = ("solid/*", "solid/*/*", "io/*", "geometry/*", "fluid/fitted.py", "runtime/dolfinx_compat.py")
 BORDER = ("case.py", "case/*", "cli.py", "cli/*")
 FENCES = {
     **dict.fromkeys(("ufl", "dolfinx", "basix", "ffcx"), FORMS),
     "petsc4py": (*FORMS, "fluid/*"),
-    "dolfinx_solver": ("dolfinx_compat.py",),
+    "dolfinx_solver": ("runtime/dolfinx_compat.py",),
     "numba": KERNELS,
     "gmsh": ("geometry/*",),
     **dict.fromkeys(("pydantic", "pint", "typer", "rich"), BORDER),
@@ -143,13 +142,13 @@ BAD = [
     ("fluid/boundary.py", "from valvefsi.coupling import kernels", "fluid must not import coupling"),
     ("fluid/boundary.py", "from valvefsi import grid, io", "fluid must not import io"),
     ("solid/loads.py", "def f():\n    from ..fsi import step", "solid must not import fsi"),
-    ("grid.py", "import valvefsi.diagnostics", "grid must not import diagnostics"),
-    ("io/plots.py", "from .. import case", "io must not import case"),
+    ("grid/mac.py", "import valvefsi.post", "grid must not import post"),
+    ("io/history.py", "from .. import case", "io must not import case"),
     ("fluid/boundary.py", "import numba as nb", "numba is allowed only in"),
     ("coupling/transfer.py", "from dolfinx.fem import form", "dolfinx is allowed only in"),
     ("solid/structure.py", "import gmsh", "gmsh is allowed only in"),
-    ("simulation.py", "from rich.progress import Progress", "rich is allowed only in"),
-    ("grid.py", "from petsc4py import PETSc", "petsc4py is allowed only in"),
+    ("run/simulation.py", "from rich.progress import Progress", "rich is allowed only in"),
+    ("grid/mac.py", "from petsc4py import PETSc", "petsc4py is allowed only in"),
     ("solid/loads.py", "from numpy import *", "import *"),
     ("solid/loads.py", "try:\n    x = 1\nexcept:\n    pass", "except: without a type"),
     ("solid/loads.py", LONG + "    x = 1\n" * 40, "f has 41 lines of code, more than 40"),
@@ -165,10 +164,10 @@ GOOD = [
     ),
     (
         "solid/structure.py",
-        "import ufl\nfrom valvefsi import dolfinx_compat as compat\nfrom .loads import DeadLoad",
+        "import ufl\nfrom valvefsi.runtime import dolfinx_compat as compat\nfrom .loads import DeadLoad",
     ),
     ("coupling/kernels.py", "import numba\n" + LONG + "    x = 1\n" * 59),
-    ("cli.py", "import typer\nfrom valvefsi import __version__, case, simulation"),
+    ("cli.py", "import typer\nfrom valvefsi import __version__, case, run"),
     ("solid/loads.py", LONG + "    x = 1\n" * 39),
 ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from valvefsi.diagnostics.valve_record import ValveRecord, ValveTest
+from valvefsi.post.valve_record import ValveRecord, ValveTest
 from valvefsi.units import MMHG
 
 PERIOD, OPEN, EJECTION, PEAK = 60 / 70, 0.10, 0.30, 400.0

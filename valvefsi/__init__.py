@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 
-# Threads of the BLAS under this code only get in the way; it has its own, see `valvefsi.threads`, as many as
+# Threads of the BLAS under this code only get in the way; it has its own, see `valvefsi.runtime.threads`, as many as
 # OMP_NUM_THREADS says where that is set. All must be set before numpy is imported.
 if "OMP_NUM_THREADS" in os.environ:
     os.environ.setdefault("VALVEFSI_THREADS", os.environ["OMP_NUM_THREADS"])

@@ -1,6 +1,6 @@
 """The coupled step: hyperelastic solids immersed in an incompressible fluid (Lee2020, S11 to S14).
 
-A solid has the fluid's density, or more of its own: see `valvefsi.solid.inertia`.
+A solid has the fluid's density, or more of its own: see `valvefsi.bodies.excess_mass`.
 
 `step` is the scheme and nothing else: no files, no options, no clock. A `State` is exactly what a checkpoint holds.
 """
@@ -14,9 +14,9 @@ from typing import Protocol
 
 import numpy as np
 
+from valvefsi.bodies.excess_mass import ExcessMass, Twin
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import Array, Faces, MacGrid
-from valvefsi.solid.inertia import ExcessMass, Twin
 
 
 class Solid(Protocol):
@@ -131,7 +131,7 @@ class State:
         circuits: State of the circulation at t, the same on all ranks, ``(num_states,)``.
         carried: How far the fluid has carried the points of each rigid surface, ``(num_points, 3)`` each [cm].
         twins: Positions and velocities of the excess mass of each heavy solid at t.
-        dt_stable: Largest stable step when it was last measured, see `valvefsi.stable_step` [s].
+        dt_stable: Largest stable step when it was last measured, see `valvefsi.run.stable_step` [s].
     """
 
     t: float

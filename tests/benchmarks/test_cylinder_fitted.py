@@ -6,16 +6,15 @@ import json
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-
-from valvefsi import dolfinx_compat as compat  # isort: skip
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 
 from valvefsi.benchmarks import cylinder, cylinder_fitted
 from valvefsi.benchmarks.cylinder_fitted import mesh_around, run
 from valvefsi.benchmarks.parameters import defaults
 from valvefsi.errors import CaseError
+from valvefsi.runtime import dolfinx_compat as compat
 
 WORLD = MPI.COMM_WORLD
 

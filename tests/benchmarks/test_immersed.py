@@ -19,8 +19,8 @@ from valvefsi.geometry.shapes import box
 from valvefsi.solid.loads import Ramp
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.moving_tether import MovingTether
+from valvefsi.solid.statics.supports import rotation
 from valvefsi.solid.structure import Structure
-from valvefsi.solid.supports import rotation
 
 CORNER = 0.6709  # cm, Cook's membrane, incompressible, 64 x 64 mixed quadrilaterals (README)
 

@@ -58,7 +58,7 @@ def test_a_study_gives_table_rules_and_picture_and_its_runs_are_not_run_again(
         raise AssertionError("run again")
 
     monkeypatch.setattr(kernel_problems, "shell_at_rest", refuse)
-    monkeypatch.setattr("valvefsi.simulation.Simulation.run", refuse)
+    monkeypatch.setattr("valvefsi.run.simulation.Simulation.run", refuse)
     again = run(setup, out=shared_tmp, comm=comm)
     for new, old in zip(again["runs"], result["runs"], strict=True):  # the static solver rounds as it likes
         assert new | {"error_percent": 0} == old | {"error_percent": 0}

@@ -10,13 +10,7 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi.benchmarks import land, statics_compression, statics_cook, statics_torsion
-from valvefsi.benchmarks.static_study import (
-    Setup,
-    chosen_cells,
-    extrapolated,
-    observed_order,
-    run_study,
-)
+from valvefsi.benchmarks.static_study import Setup, chosen_cells, extrapolated, observed_order, run_study
 from valvefsi.errors import CaseError
 
 REFERENCE = Path(__file__).parents[1] / "reference"

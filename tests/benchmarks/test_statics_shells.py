@@ -15,8 +15,9 @@ from valvefsi.benchmarks.static_study import Setup, run_study
 from valvefsi.errors import CaseError
 from valvefsi.geometry.benchmark_shapes import truncated_ellipsoid
 from valvefsi.geometry.shapes import box
-from valvefsi.solid import fibres, statics
-from valvefsi.solid.cardiac import Contracting, Guccione, ellipsoid_fibres
+from valvefsi.solid import statics
+from valvefsi.solid.materials import fibres
+from valvefsi.solid.materials.cardiac import Contracting, Guccione, ellipsoid_fibres
 from valvefsi.solid.pointwise import Pointwise
 from valvefsi.solid.stress import Stress, stress_of_solution
 

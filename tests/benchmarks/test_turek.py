@@ -29,9 +29,9 @@ from valvefsi.benchmarks.turek_model import (
     inflow,
 )
 from valvefsi.benchmarks.turek_signals import oscillation, whole_periods
+from valvefsi.bodies.excess_mass import Twin
 from valvefsi.errors import CaseError, StabilityError
-from valvefsi.recording import Output
-from valvefsi.solid.inertia import Twin
+from valvefsi.run.recording import Output
 
 WORLD = MPI.COMM_WORLD
 QUICK = ("ramp='40 ms'",)

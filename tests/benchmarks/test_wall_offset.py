@@ -8,12 +8,12 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks.wall_offset import _offset, wall_offset
+from valvefsi.bodies.fixed import RigidSurface
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Wall
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import MacGrid
-from valvefsi.solid.rigid import RigidSurface
 
 WORLD = MPI.COMM_WORLD
 

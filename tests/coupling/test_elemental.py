@@ -14,7 +14,7 @@ from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError
 from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.grid import MacGrid
-from valvefsi.solid.element_points import ElementPoints
+from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure
 

@@ -13,9 +13,9 @@ from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Open, Wall
-from valvefsi.grading import graded_edges
 from valvefsi.grid import MacGrid
-from valvefsi.solid.element_points import ElementPoints
+from valvefsi.grid.grading import graded_edges
+from valvefsi.solid.elements.element_points import ElementPoints
 
 H = 0.1
 GRIDS = {

@@ -131,14 +131,14 @@ def test_the_measures_of_stress_are_those_of_the_textbook(measure):
 @each
 def test_the_stress_of_the_solid_on_one_element_is_the_same(case):
     """F of one trilinear element, its energy through DOLFINx, and the pressure from S33 = 0."""
-    compat = pytest.importorskip("valvefsi.dolfinx_compat")
+    compat = pytest.importorskip("valvefsi.runtime.dolfinx_compat")
     import ufl
     from dolfinx import fem, mesh
     from mpi4py import MPI
 
-    from valvefsi.solid.fibre_materials import FibreFamily
-    from valvefsi.solid.kinematics import Kinematics
     from valvefsi.solid.materials import MATERIALS
+    from valvefsi.solid.materials.fibre_reinforced import FibreFamily
+    from valvefsi.solid.materials.kinematics import Kinematics
 
     material, v = CASES[case]
     names = [

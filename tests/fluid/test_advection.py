@@ -8,11 +8,11 @@ from mpi4py import MPI
 
 from tests.fluid.test_navier_stokes import largest_error, sample, taylor_green
 from tests.ordering import assert_order
-from valvefsi import diagnostics
 from valvefsi.fluid.advection import SCHEMES, edge
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import MacGrid
+from valvefsi.post import diagnostics
 
 WORLD = MPI.COMM_WORLD
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from valvefsi import threads
 from valvefsi.fluid import axes
 from valvefsi.fluid.axes import KINDS, Axis
 from valvefsi.fluid.direct_solver import TensorSolver
 from valvefsi.fluid.line_solver import LineSolver
 from valvefsi.grid import MacGrid
+from valvefsi.runtime import threads
 
 SAMPLE = ("periodic", "cells NN", "cells DN", "faces DD", "faces ND")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from valvefsi import dolfinx_compat  # noqa: F401  # isort: skip
+from valvefsi.runtime import dolfinx_compat  # noqa: F401  # isort: skip
 from dolfinx import fem
 from dolfinx import mesh as dolfinx_mesh
 

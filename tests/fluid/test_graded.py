@@ -12,8 +12,8 @@ from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
-from valvefsi.grading import LARGEST_RATIO, graded_edges
 from valvefsi.grid import MacGrid
+from valvefsi.grid.grading import LARGEST_RATIO, graded_edges
 
 WORLD = MPI.COMM_WORLD
 

@@ -121,7 +121,7 @@ def test_fibres_are_unit_tangents_at_the_angles_asked_for():
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_the_file_gives_cells_tags_and_fibres_back(comm, tmp_path, cell):
-    from valvefsi.solid.fibres import read_fibres
+    from valvefsi.solid.materials.fibres import read_fibres
 
     path = comm.bcast(tmp_path) / "valve.msh"
     made = mesh_valve(pericardial(), size=0.4, cell=cell)

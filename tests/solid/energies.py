@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from valvefsi.solid.fibre_materials import FibreFamily
 from valvefsi.solid.materials import (
     HGO,
     Fung,
@@ -19,6 +18,7 @@ from valvefsi.solid.materials import (
     SaintVenantKirchhoff,
     Volumetric,
 )
+from valvefsi.solid.materials.fibre_reinforced import FibreFamily
 from valvefsi.solid.pointwise import Pointwise
 
 FAMILIES = (

@@ -13,10 +13,10 @@ from valvefsi.errors import CaseError, ConvergenceError, StabilityError
 from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.solid import statics
 from valvefsi.solid.dynamics import CentralDifferences, GeneralisedAlpha, MovingSolid, run
-from valvefsi.solid.formulations import NearlyIncompressible
 from valvefsi.solid.loads import DeadLoad, Pressure, Ramp
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.supports import Fixed
+from valvefsi.solid.statics.formulations import NearlyIncompressible
+from valvefsi.solid.statics.supports import Fixed
 
 MATERIAL = NeoHookean(c1=1e4)
 TIP = (2.0, 0.25)

@@ -7,16 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from valvefsi import dolfinx_compat  # noqa: F401
+from valvefsi.runtime import dolfinx_compat  # noqa: F401
 
 # isort: split
 from dolfinx import fem
 
 from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box, rectangle
-from valvefsi.solid import fibres, statics
-from valvefsi.solid.fibre_materials import HGO, FibreFamily, Fung, HolzapfelOgden
+from valvefsi.solid import statics
 from valvefsi.solid.loads import DeadLoad
+from valvefsi.solid.materials import fibres
+from valvefsi.solid.materials.fibre_reinforced import HGO, FibreFamily, Fung, HolzapfelOgden
 from valvefsi.solid.structure import Discretisation, Structure
 
 
@@ -256,7 +257,7 @@ def test_the_volumetric_energy_of_a_structure_can_be_chosen(comm):
 def test_a_field_is_drawn(tmp_path, dim):
     from mpi4py import MPI
 
-    from valvefsi.io.fibre_plots import fibre_picture
+    from valvefsi.post.plots.fibre import fibre_picture
 
     make = box if dim == 3 else rectangle
     mesh = make(MPI.COMM_SELF, elements=(4,) * dim)

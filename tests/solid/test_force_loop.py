@@ -8,10 +8,9 @@ from mpi4py import MPI
 
 from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box
-from valvefsi.solid import fibres
-from valvefsi.solid.fibre_materials import HGO, FibreFamily
-from valvefsi.solid.force_loop import HgoLoop
-from valvefsi.solid.materials import NeoHookean
+from valvefsi.solid.elements.force_loop import HgoLoop
+from valvefsi.solid.materials import NeoHookean, fibres
+from valvefsi.solid.materials.fibre_reinforced import HGO, FibreFamily
 from valvefsi.solid.structure import Discretisation, Structure
 
 pytestmark = pytest.mark.serial

@@ -11,9 +11,9 @@ from tests.ordering import assert_order
 from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box, compressed_block, rectangle
 from valvefsi.solid import statics
-from valvefsi.solid.fibre_materials import FibreFamily
 from valvefsi.solid.loads import DeadLoad, Pressure, Tether
 from valvefsi.solid.materials import HGO, MayNewmanYin, NeoHookean
+from valvefsi.solid.materials.fibre_reinforced import FibreFamily
 from valvefsi.solid.statics import EqualOrder, Fixed, NearlyIncompressible, SolverOptions, Symmetry
 
 MATERIAL = NeoHookean(c1=80.194)

@@ -8,8 +8,8 @@ import ufl
 from dolfinx import fem, la
 
 from tests.coupling.test_elemental import KINDS, make, nodal
-from valvefsi.solid import mass_kernels
-from valvefsi.solid.element_points import ElementPoints
+from valvefsi.solid.elements import mass_kernels
+from valvefsi.solid.elements.element_points import ElementPoints
 
 
 def load(solid, values):

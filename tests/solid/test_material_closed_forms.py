@@ -18,7 +18,6 @@ from tests.solid.energies import (
     random_gradients,
     random_rotation,
 )
-from valvefsi.solid.fibre_materials import FibreFamily
 from valvefsi.solid.materials import (
     HGO,
     Fung,
@@ -30,6 +29,7 @@ from valvefsi.solid.materials import (
     SaintVenantKirchhoff,
     Volumetric,
 )
+from valvefsi.solid.materials.fibre_reinforced import FibreFamily
 
 
 def planar_closed_form(material, l1, l2):

@@ -8,7 +8,6 @@ import pytest
 from tests.gent import GENT
 from tests.solid.energies import MATERIAL_LIST, planar
 from valvefsi.errors import CaseError
-from valvefsi.solid.fibre_materials import FibreFamily
 from valvefsi.solid.materials import (
     HGO,
     MATERIALS,
@@ -24,6 +23,7 @@ from valvefsi.solid.materials import (
     kappa_stab,
     stabilisation,
 )
+from valvefsi.solid.materials.fibre_reinforced import FibreFamily
 
 
 def test_the_stabilisation_has_the_published_moduli():

@@ -23,8 +23,8 @@ from tests.solid.energies import (
     random_rotation,
 )
 from valvefsi.errors import CaseError
-from valvefsi.solid.fibre_materials import FibreFamily
 from valvefsi.solid.materials import HGO
+from valvefsi.solid.materials.fibre_reinforced import FibreFamily
 from valvefsi.solid.pointwise import Pointwise
 
 every_energy = pytest.mark.parametrize("energy", ENERGIES, ids=name)

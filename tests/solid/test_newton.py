@@ -7,7 +7,7 @@ import weakref
 
 import numpy as np
 
-from valvefsi import dolfinx_compat  # noqa: F401
+from valvefsi.runtime import dolfinx_compat  # noqa: F401
 
 # isort: split
 import ufl

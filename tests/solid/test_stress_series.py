@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from tests.coupled_case import simulation
 from valvefsi.io.solid_body import read_body
-from valvefsi.io.solid_plots import draw_folder
+from valvefsi.post.plots.solid import draw_folder
 
 
 def test_a_coupled_run_writes_the_stress_of_its_solids(shared_tmp):

@@ -8,9 +8,9 @@ from mpi4py import MPI
 
 from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box, compressed_block, rectangle
+from valvefsi.solid.elements.numbering import number_nodes
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import MooneyRivlin, NeoHookean
-from valvefsi.solid.numbering import number_nodes
 from valvefsi.solid.structure import Discretisation, Structure
 
 MATERIAL = NeoHookean(c1=80.194)

@@ -9,9 +9,9 @@ import pytest
 from mpi4py import MPI
 
 from tests.test_fsi import march, soft_square, swirl
-from valvefsi import diagnostics
 from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box, rectangle
+from valvefsi.post import diagnostics
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Damping, Discretisation, Structure
 

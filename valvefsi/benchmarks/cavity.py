@@ -10,13 +10,13 @@ import numpy as np
 from mpi4py import MPI
 from scipy.interpolate import CubicSpline
 
-from valvefsi import diagnostics
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.post import diagnostics
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
 
@@ -206,7 +206,7 @@ def run(
     }
     write_result(out, result, comm)
     if comm.rank == 0:
-        from valvefsi.io.decay_plots import centre_lines
+        from valvefsi.post.plots.decay import centre_lines
 
         name = f"Cavity at Re {reynolds}, {cells} x {cells} cells"
         centre_lines(Path(out) / "profiles.png", curves, GHIA[reynolds], title=name)

@@ -28,9 +28,9 @@ from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.geometry.blocks import ball
 from valvefsi.grid import MacGrid
-from valvefsi.health import LONGEST_GAP, widest_gap
-from valvefsi.memory import keep_freed_memory
-from valvefsi.simulation import timed
+from valvefsi.run.health import LONGEST_GAP, widest_gap
+from valvefsi.run.simulation import timed
+from valvefsi.runtime.memory import keep_freed_memory
 from valvefsi.solid.structure import Discretisation, Structure
 
 PARAMETERS = {
@@ -258,7 +258,7 @@ def _table(setup: Setup, runs: Sequence[Mapping], ranks: int) -> list[dict[str, 
 
 
 def _draw(setup: Setup, runs: Sequence[Mapping], path: Path) -> None:
-    from valvefsi.io.immersed_plots import Line, Panel, panels
+    from valvefsi.post.plots.immersed import Line, Panel, panels
 
     def lines(x: str, y: str) -> list[Line]:
         return [

@@ -96,7 +96,7 @@ def run(
     }
     write_result(out, result, comm)
     if comm.rank == 0:
-        from valvefsi.io.decay_plots import profiles
+        from valvefsi.post.plots.decay import profiles
 
         profiles(Path(out) / "profiles.png", curves, title=f"Flow in a channel, {sizes[-1]} cells across")
     comm.barrier()

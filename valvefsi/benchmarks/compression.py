@@ -20,8 +20,8 @@ from valvefsi.case import Case, parse_case
 from valvefsi.case.build import build, write_case
 from valvefsi.case.overrides import split_override
 from valvefsi.io.history import read_history
-from valvefsi.planning import plan as make_plan
-from valvefsi.simulation import Outcome, Progress, Simulation
+from valvefsi.run.planning import plan as make_plan
+from valvefsi.run.simulation import Outcome, Progress, Simulation
 from valvefsi.solid import statics
 
 LITERATURE = {"u_y_top_centre_cm": -3.9212}

@@ -19,7 +19,7 @@ from valvefsi.case import Case
 from valvefsi.case.build import build
 from valvefsi.case.overrides import split_override
 from valvefsi.errors import CaseError
-from valvefsi.simulation import Progress, Simulation
+from valvefsi.run.simulation import Progress, Simulation
 
 GRID = 16
 """Cells along the box, and elements along the block, of the coarsest grid unless given."""

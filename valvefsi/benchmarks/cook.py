@@ -23,9 +23,9 @@ from valvefsi.benchmarks.immersed_study import Setup, Study, run_study
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.geometry.benchmark_shapes import COOK, cook_membrane
 from valvefsi.grid import MacGrid
-from valvefsi.recording import Output, Probe
-from valvefsi.schedule import Schedule
-from valvefsi.simulation import Progress, Simulation
+from valvefsi.run.recording import Output, Probe
+from valvefsi.run.schedule import Schedule
+from valvefsi.run.simulation import Progress, Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure

@@ -31,10 +31,10 @@ from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Open, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
-from valvefsi.grading import graded_edges
 from valvefsi.grid import Array, MacGrid
-from valvefsi.memory import keep_freed_memory
-from valvefsi.planning import largest_square_sum
+from valvefsi.grid.grading import graded_edges
+from valvefsi.run.planning import largest_square_sum
+from valvefsi.runtime.memory import keep_freed_memory
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
 
@@ -168,7 +168,7 @@ def write_forces(
     if comm.rank == 0:
         columns = np.stack(curves, axis=1)[:: max(1, len(curves[0]) // 5000)]
         np.savetxt(Path(out) / "forces.csv", columns, delimiter=",", comments="", header="t,drag,lift")
-        from valvefsi.io.decay_plots import forces
+        from valvefsi.post.plots.decay import forces
 
         forces(Path(out) / "forces.png", curves, published, title=title)
     comm.barrier()

@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 from valvefsi.benchmarks.results import row
 from valvefsi.geometry.shapes import box
-from valvefsi.solid.fibre_materials import HGO, FibreFamily
-from valvefsi.solid.fibres import circumferential
-from valvefsi.solid.force_loop import HgoLoop
+from valvefsi.solid.elements.force_loop import HgoLoop
+from valvefsi.solid.materials.fibre_reinforced import HGO, FibreFamily
+from valvefsi.solid.materials.fibres import circumferential
 from valvefsi.solid.structure import Structure
 
 MATERIAL = HGO(c10=1.0e3, c01=5.0, families=(FibreFamily(k1=1.0e4, k2=5.0, kappa=0.1, fibre="around"),))

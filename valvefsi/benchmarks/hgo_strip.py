@@ -25,9 +25,10 @@ from valvefsi.benchmarks.static_body import answer_of
 from valvefsi.benchmarks.static_study import Answer, Benchmark, Reference, Setup, run_study
 from valvefsi.geometry.benchmark_shapes import thick_cylinder
 from valvefsi.geometry.shapes import box
-from valvefsi.solid import fibres, statics
-from valvefsi.solid.fibre_materials import HGO, FibreFamily
+from valvefsi.solid import statics
 from valvefsi.solid.loads import DeadLoad, Pressure
+from valvefsi.solid.materials import fibres
+from valvefsi.solid.materials.fibre_reinforced import HGO, FibreFamily
 
 PARAMETERS = {
     "c10": (1.21e4, "dyn/cm^2"),

@@ -19,8 +19,8 @@ from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
 from valvefsi.grid import MacGrid
 from valvefsi.io.history import read_history
-from valvefsi.simulation import Progress, Simulation
-from valvefsi.solid.element_points import ElementPoints
+from valvefsi.run.simulation import Progress, Simulation
+from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.structure import Structure
 
 AVERAGED = 0.2

@@ -14,10 +14,10 @@ from valvefsi.benchmarks.immersed import Numerics, Problem, each_run
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.errors import CaseError
-from valvefsi.simulation import Progress
+from valvefsi.run.simulation import Progress
 
 if TYPE_CHECKING:
-    from valvefsi.io.immersed_plots import Line
+    from valvefsi.post.plots.immersed import Line
 
 BOTH = "both"
 KINDS = {True: "stabilised", False: "not stabilised"}
@@ -208,7 +208,7 @@ def _draw(
     study: Study, records: Sequence[Mapping], answers: tuple[float, Mapping[int, float]], path: Path
 ) -> None:
     """Draw both quantities over time and, with several grids, over the grids (as S4 and S5, c and d)."""
-    from valvefsi.io.immersed_plots import Panel, panels
+    from valvefsi.post.plots.immersed import Panel, panels
 
     known, by_grid = answers
     _, label, unit = study.main
@@ -233,7 +233,7 @@ def _draw(
 
 
 def _over_time(records: Sequence[Mapping], column: str) -> list[Line]:
-    from valvefsi.io.immersed_plots import Line
+    from valvefsi.post.plots.immersed import Line
 
     grids = sorted({r["numerics"]["grid"] for r in records})
     return [
@@ -250,7 +250,7 @@ def _over_time(records: Sequence[Mapping], column: str) -> list[Line]:
 
 def _over_grids(records: Sequence[Mapping], key: str) -> list[Line]:
     """Return a quantity over the cells, one line for each kind of run."""
-    from valvefsi.io.immersed_plots import Line
+    from valvefsi.post.plots.immersed import Line
 
     lines = []
     for colour, (kind, text) in enumerate(KINDS.items()):
@@ -262,7 +262,7 @@ def _over_grids(records: Sequence[Mapping], key: str) -> list[Line]:
 
 
 def _mixed_line(by_grid: Mapping[int, float]) -> list[Line]:
-    from valvefsi.io.immersed_plots import Line
+    from valvefsi.post.plots.immersed import Line
 
     x, y = list(by_grid), list(by_grid.values())
     return [Line(label="mixed elements, same mesh", x=x, y=y, colour=2, style="^:")] if by_grid else []

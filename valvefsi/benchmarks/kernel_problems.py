@@ -26,9 +26,9 @@ from valvefsi.errors import StabilityError
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.geometry.shapes import compressed_block
 from valvefsi.grid import MacGrid
-from valvefsi.recording import Output, Probe
-from valvefsi.schedule import Schedule
-from valvefsi.simulation import Simulation
+from valvefsi.run.recording import Output, Probe
+from valvefsi.run.schedule import Schedule
+from valvefsi.run.simulation import Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure

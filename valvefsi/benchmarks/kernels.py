@@ -267,7 +267,7 @@ def _table(found: Sequence[Rule], lines: Sequence[Mapping], factor: float) -> li
 
 
 def _draw(setup: Setup, lines: Sequence[Mapping], path: Path) -> None:
-    from valvefsi.io.kernel_plots import HeatMap, heat_maps
+    from valvefsi.post.plots.kernel import HeatMap, heat_maps
 
     found = {(r["problem"], r["stabilised"], r["coupling"], r["kernel"], r["ratio"]): r for r in lines}
     columns = [

@@ -21,9 +21,10 @@ from valvefsi.benchmarks.static_study import Answer, Benchmark, Reference, Setup
 from valvefsi.errors import CaseError
 from valvefsi.geometry.benchmark_shapes import truncated_ellipsoid
 from valvefsi.geometry.shapes import box
-from valvefsi.solid import fibres, statics
-from valvefsi.solid.cardiac import Contracting, Guccione, ellipsoid_fibres
+from valvefsi.solid import statics
 from valvefsi.solid.loads import Pressure
+from valvefsi.solid.materials import fibres
+from valvefsi.solid.materials.cardiac import Contracting, Guccione, ellipsoid_fibres
 
 KPA = 1.0e4
 FIBRE = {"bf": (8.0, "1"), "bt": (2.0, "1"), "bfs": (4.0, "1")}

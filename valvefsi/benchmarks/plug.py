@@ -17,14 +17,14 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
+from valvefsi.bodies.fixed import RigidSurface
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, Disk, Mixed, Open
 from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.geometry.aortic_section import AorticSection, joined, plug
 from valvefsi.grid import Array, MacGrid
-from valvefsi.planning import largest_square_sum
-from valvefsi.solid.rigid import RigidSurface
+from valvefsi.run.planning import largest_square_sum
 from valvefsi.units import MMHG
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
@@ -151,7 +151,7 @@ def _result(parameters: dict, model: fsi.Model, flow: Array, comm: MPI.Comm) -> 
 
 
 def _files(out: Path, parameters: dict, t: Array, flow: Array) -> None:
-    from valvefsi.io.decay_plots import leak
+    from valvefsi.post.plots.decay import leak
 
     np.savetxt(
         out / "leak.csv", np.stack([t, flow], axis=1), delimiter=",", header="t_s,leak_ml_s", comments=""

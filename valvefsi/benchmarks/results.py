@@ -24,7 +24,7 @@ def environment(comm: MPI.Comm) -> dict[str, object]:
             versions[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    from valvefsi.dolfinx_compat import RELEASE
+    from valvefsi.runtime.dolfinx_compat import RELEASE
 
     versions["fenics-dolfinx"] = RELEASE
     return {

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from valvefsi.benchmarks import cost_model
 from valvefsi.benchmarks.parameters import defaults
 from valvefsi.benchmarks.speed import PARAMETERS, machine_here
-from valvefsi.planning import Entry
+from valvefsi.run.planning import Entry
 
 RANKS = (2, 64, 512)
 """Numbers of ranks that a plan is made for."""

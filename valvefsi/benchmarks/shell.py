@@ -29,7 +29,7 @@ from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.geometry.blocks import ring
 from valvefsi.grid import Array, MacGrid
-from valvefsi.solid.fibres import circumferential
+from valvefsi.solid.materials.fibres import circumferential
 from valvefsi.solid.structure import Discretisation, Structure
 
 PARAMETERS = {
@@ -242,7 +242,7 @@ def _table(
 
 
 def _draw(series: Mapping[str, Sequence[Mapping]], grids: Sequence[int], path: Path) -> None:
-    from valvefsi.io.immersed_plots import Line, Panel, panels
+    from valvefsi.post.plots.immersed import Line, Panel, panels
 
     def lines(kind: str, key: str) -> list[Line]:
         chosen = [(name, runs) for name, runs in series.items() if name.startswith(kind)]

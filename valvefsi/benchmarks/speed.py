@@ -17,7 +17,6 @@ import numpy as np
 import scipy.fft
 from mpi4py import MPI
 
-from valvefsi import threads
 from valvefsi.benchmarks import cost_model, elastic_speed
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
@@ -26,8 +25,9 @@ from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.fluid.direct_solver import TensorSolver
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grid import Faces, MacGrid
-from valvefsi.memory import keep_freed_memory
-from valvefsi.simulation import Timed
+from valvefsi.run.simulation import Timed
+from valvefsi.runtime import threads
+from valvefsi.runtime.memory import keep_freed_memory
 
 PARAMETERS = {
     "rho": (1.0, "g/cm^3"),
@@ -87,7 +87,7 @@ def run(
     }
     write_result(out, result, comm)
     if comm.rank == 0:
-        from valvefsi.io.plots import phase_bars
+        from valvefsi.post.plots.base import phase_bars
 
         heading = f"One fluid step on {comm.size} rank{'s' * (comm.size > 1)}"
         phase_bars(Path(out) / "speed.png", {f"{g['N']}^{dim}": g["phases_ms"] for g in grids}, title=heading)

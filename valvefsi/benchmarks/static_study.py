@@ -20,9 +20,9 @@ from valvefsi.benchmarks.parameters import Parameters, read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.case.overrides import nearest
 from valvefsi.errors import CaseError
-from valvefsi.io.convergence_plots import Convergence, convergence
 from valvefsi.io.solid_body import Body, write_body
-from valvefsi.io.solid_plots import deformed
+from valvefsi.post.plots.convergence import Convergence, convergence
+from valvefsi.post.plots.solid import deformed
 from valvefsi.solid.statics import SolverOptions
 
 SIMPLEX = {"triangle", "tetrahedron"}

@@ -17,7 +17,6 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
-from valvefsi import diagnostics
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.errors import StabilityError
@@ -25,7 +24,8 @@ from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import SIDES, Boundary, FreeSlip
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grid import MacGrid
-from valvefsi.memory import keep_freed_memory
+from valvefsi.post import diagnostics
+from valvefsi.runtime.memory import keep_freed_memory
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
 
@@ -140,7 +140,7 @@ def _write_curves(
 ) -> None:
     header = "t,energy,loss,resolved"
     np.savetxt(out / "decay.csv", np.stack(curves, axis=1), delimiter=",", comments="", header=header)
-    from valvefsi.io.decay_plots import decay
+    from valvefsi.post.plots.decay import decay
 
     known = None
     if reference is not None:

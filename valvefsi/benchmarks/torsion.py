@@ -27,15 +27,15 @@ from valvefsi.benchmarks.immersed_study import Setup, Study, run_study
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.geometry.shapes import box
 from valvefsi.grid import MacGrid
-from valvefsi.recording import Output, Probe
-from valvefsi.schedule import Schedule
-from valvefsi.simulation import Progress, Simulation
+from valvefsi.run.recording import Output, Probe
+from valvefsi.run.schedule import Schedule
+from valvefsi.run.simulation import Progress, Simulation
 from valvefsi.solid import statics
 from valvefsi.solid.loads import Ramp, Tether
 from valvefsi.solid.materials import MooneyRivlin
 from valvefsi.solid.moving_tether import MovingTether
+from valvefsi.solid.statics.supports import rotation
 from valvefsi.solid.structure import Discretisation, Structure
-from valvefsi.solid.supports import rotation
 
 PARAMETERS = {
     "c1": (9000.0, "dyn/cm^2"),

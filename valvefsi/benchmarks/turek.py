@@ -12,7 +12,7 @@ Here the flag is immersed, which differs from the published set-up in this:
 - The fluid keeps the area of what a kernel covers, not of the flag's layers: with ``nu_stab=0.4`` a flag of four cells
   bends 1.06 times as softly as with 0.49.
 - Where it is heavier than the fluid (FSI2, rho_s = 10 rho), twins of its nodes carry the difference, see
-  `valvefsi.solid.inertia`.
+  `valvefsi.bodies.excess_mass`.
 - It carries the fluid's viscosity, small against its elastic stress (mu omega / mu_s is about 2e-5).
 - Surfaces are as thick as the kernel: cylinder and flag act larger by a fraction of h, which the drag feels most. The
   flag goes on into the cylinder and is held there by springs: the clamp gives way a little (``clamp_cm``).
@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi import diagnostics, fsi
+from valvefsi import fsi
 from valvefsi.benchmarks.grid_series import refined, run_series
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import row
@@ -43,9 +43,10 @@ from valvefsi.coupling.kernels import KERNELS
 from valvefsi.errors import CaseError, StabilityError
 from valvefsi.grid import Array
 from valvefsi.io.checkpoint import newest_meta
-from valvefsi.memory import keep_freed_memory
-from valvefsi.recording import Output, load_state, refuse_to_overwrite, save_state
-from valvefsi.statistics import Statistics
+from valvefsi.post import diagnostics
+from valvefsi.run.recording import Output, load_state, refuse_to_overwrite, save_state
+from valvefsi.run.statistics import Statistics
+from valvefsi.runtime.memory import keep_freed_memory
 
 PARAMETERS = {
     "U": (200.0, "cm/s"),
@@ -369,7 +370,7 @@ def _one(
     steps, failed = march((model, dt), watch, setup, output, progress)
     wall = time.perf_counter() - begin
     if comm.rank == 0:
-        from valvefsi.io.turek_plots import histories, vorticity
+        from valvefsi.post.plots.turek import histories, vorticity
 
         folder.mkdir(parents=True, exist_ok=True)
         write_rows(folder, watch.rows)

@@ -10,16 +10,16 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
+from valvefsi.bodies.excess_mass import ExcessMass
+from valvefsi.bodies.fixed import RigidSurface
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, Open, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.geometry.mesh import SolidMesh, mesh_from_gmsh
-from valvefsi.grading import graded_edges
 from valvefsi.grid import Array, MacGrid
-from valvefsi.solid.inertia import ExcessMass
+from valvefsi.grid.grading import graded_edges
 from valvefsi.solid.loads import Tether
 from valvefsi.solid.materials import NeoHookean, kappa_stab
-from valvefsi.solid.rigid import RigidSurface
 from valvefsi.solid.structure import Discretisation, Structure
 
 LENGTH, HEIGHT = 250.0, 41.0

@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi import diagnostics, fsi
+from valvefsi import fsi
 from valvefsi.benchmarks.grid_series import refined, run_series
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.polygon_gap import gap
@@ -41,13 +41,14 @@ from valvefsi.errors import CaseError, StabilityError
 from valvefsi.fluid.boundary import Boundary, Open, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.geometry.mesh import SolidMesh, mesh_from_gmsh
-from valvefsi.grading import graded_edges
 from valvefsi.grid import Array, MacGrid
-from valvefsi.memory import keep_freed_memory
-from valvefsi.planning import step_limits
+from valvefsi.grid.grading import graded_edges
+from valvefsi.post import diagnostics
+from valvefsi.run.planning import step_limits
+from valvefsi.run.stable_step import measured_limit
+from valvefsi.runtime.memory import keep_freed_memory
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure
-from valvefsi.stable_step import measured_limit
 
 LENGTH, HEIGHT, ROOT = 8.0, 1.61, 2.0
 """Length and height of the channel, and where the leaflets are [cm]."""
@@ -383,7 +384,7 @@ def _one(
     steps, failed = march(model, dt, setup.t_end, watch, progress)
     wall = time.perf_counter() - begin
     if comm.rank == 0:
-        from valvefsi.io.valve_2d_plots import in_the_flow, tips
+        from valvefsi.post.plots.valve_2d import in_the_flow, tips
 
         folder = out / f"N{cells}"
         folder.mkdir(parents=True, exist_ok=True)

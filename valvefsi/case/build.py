@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from valvefsi.bodies.excess_mass import ExcessMass
 from valvefsi.case.checks import check_against_mesh
 from valvefsi.case.circuit_tables import say_unconnected
 from valvefsi.case.circulation import build_circulation, connected
@@ -21,22 +22,21 @@ from valvefsi.case.valve_report import report_valve
 from valvefsi.case.writing import to_dict, to_toml
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
-from valvefsi.diagnostics import Section
 from valvefsi.errors import CaseError
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
 from valvefsi.geometry import mesh as meshes
 from valvefsi.geometry import shapes
 from valvefsi.grid import MacGrid
-from valvefsi.planning import plan
-from valvefsi.recording import Output, Probe
-from valvefsi.schedule import AdaptiveSchedule, Schedule
-from valvefsi.simulation import Progress, Simulation
-from valvefsi.solid.element_points import ElementPoints
-from valvefsi.solid.inertia import ExcessMass
+from valvefsi.post.diagnostics import Section
+from valvefsi.run.planning import plan
+from valvefsi.run.recording import Output, Probe
+from valvefsi.run.schedule import AdaptiveSchedule, Schedule
+from valvefsi.run.simulation import Progress, Simulation
+from valvefsi.run.statistics import Line
+from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.structure import Damping, Discretisation, Structure
-from valvefsi.statistics import Line
 
 
 def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
@@ -108,7 +108,7 @@ def write_case(case: Case, out: Path, comm: MPI.Comm) -> None:
 
 
 def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, object]:
-    """Return the plan of a case, see `valvefsi.planning`. Collective."""
+    """Return the plan of a case, see `valvefsi.run.planning`. Collective."""
     return {"plan": plan(build(case, Path(), comm))}
 
 

@@ -10,8 +10,8 @@ from valvefsi.case.build import build_mesh
 from valvefsi.case.fibres import add_fibres
 from valvefsi.case.models import Case
 from valvefsi.errors import CaseError
-from valvefsi.io.fibre_plots import fibre_picture
-from valvefsi.solid.fibres import on_root
+from valvefsi.post.plots.fibre import fibre_picture
+from valvefsi.solid.materials.fibres import on_root
 
 
 def draw_fibres(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> list[Path]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from valvefsi.case.models import Fibre
 from valvefsi.errors import CaseError
 from valvefsi.geometry.mesh import SolidMesh
-from valvefsi.solid import fibres
+from valvefsi.solid.materials import fibres
 
 
 def add_fibres(mesh: SolidMesh, given: Sequence[Fibre], key: str) -> SolidMesh:

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from valvefsi.case.expressions import Expression
 from valvefsi.case.quantities import Density, Length, Stress, Velocity, Viscosity
 from valvefsi.case.table import Table, problem
-from valvefsi.grading import core_edges, graded_edges
+from valvefsi.grid.grading import core_edges, graded_edges
 
 SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
 Spacings = tuple[tuple[Length, Annotated[Length, Field(gt=0)]], ...]

@@ -83,7 +83,7 @@ def read_material(data: Mapping[str, object]) -> dict[str, object]:
     """
     model, preset, given = data.get("model"), data.get("preset"), dict(data)
     if preset is not None:
-        from valvefsi.solid.presets import PRESETS
+        from valvefsi.solid.materials.presets import PRESETS
 
         if preset not in PRESETS:
             raise _problem(f"unknown preset{nearest(preset, list(PRESETS))}", "preset", preset)
@@ -123,7 +123,7 @@ def say_provenance(material: object, key: str, comm: object) -> None:
         key: Place of the solid in the case.
         comm: Communicator of the run.
     """
-    from valvefsi.solid.presets import PRESETS
+    from valvefsi.solid.materials.presets import PRESETS
 
     preset = PRESETS.get(material.preset)
     if preset is not None and not preset.verified and comm.rank == 0:
@@ -182,7 +182,7 @@ def _read_table(item: type, value: object, name: str, path: str) -> tuple[dict[s
 
 def _read_direction(value: object, path: str) -> object:
     """Return a direction: the name of a fibre field, an angle in degrees, or a vector."""
-    from valvefsi.solid.parameters import checked_direction
+    from valvefsi.solid.materials.parameters import checked_direction
 
     if isinstance(value, str) and ANGLE.fullmatch(value):
         return Quantity("deg").parse(value)
@@ -197,7 +197,7 @@ def _read_direction(value: object, path: str) -> object:
 def material_schemas() -> list[dict[str, object]]:
     """Return the JSON schema of each material of `MATERIALS`; one of your own has an import path."""
     from valvefsi.solid.materials import MATERIALS
-    from valvefsi.solid.presets import PRESETS
+    from valvefsi.solid.materials.presets import PRESETS
 
     schemas = []
     for model, kind in MATERIALS.items():

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from mpi4py import MPI
 
+from valvefsi.bodies.fixed import RigidSurface
 from valvefsi.case.models import Case
 from valvefsi.case.valve_tables import ValveShape
 from valvefsi.coupling.transfer import Coupling, Transfer
@@ -14,10 +15,9 @@ from valvefsi.geometry.aortic_section import joined
 from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.geometry.valve import ValveMesh, distribute, mesh_valve
 from valvefsi.grid import MacGrid
-from valvefsi.planning import largest_square_sum
-from valvefsi.recording import Orifice
-from valvefsi.solid import fibres
-from valvefsi.solid.rigid import RigidSurface
+from valvefsi.run.planning import largest_square_sum
+from valvefsi.run.recording import Orifice
+from valvefsi.solid.materials import fibres
 
 KERNEL = "piecewise_linear"
 """Kernel of rigid surfaces (S15)."""
@@ -53,7 +53,7 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[tuple[RigidSurface, ...], tu
     """Build the housing of a case, with its stent.
 
     Springs and dampers are a given part of what an explicit step carries on the mass that the kernel moves, see
-    `valvefsi.planning`.
+    `valvefsi.run.planning`.
 
     Raises:
         CaseError: The housing does not fit into the part of the box that has cells of the smallest width.

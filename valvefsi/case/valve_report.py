@@ -12,10 +12,10 @@ from valvefsi.case.circuit_tables import CircuitTable, Pump
 from valvefsi.case.circulation import connected
 from valvefsi.case.models import Case
 from valvefsi.case.valve_views import draw_leaflets
-from valvefsi.diagnostics.valve_numbers import CycleNumbers, cycle_change, valve_numbers
-from valvefsi.diagnostics.valve_record import ValveRecord, ValveTest, fault, first_closed
 from valvefsi.io.history import read_history
-from valvefsi.recorded_stress import leaflet_peaks
+from valvefsi.post.valve_numbers import CycleNumbers, cycle_change, valve_numbers
+from valvefsi.post.valve_record import ValveRecord, ValveTest, fault, first_closed
+from valvefsi.run.recorded_stress import leaflet_peaks
 from valvefsi.units import MMHG
 
 History = dict[str, np.ndarray]
@@ -180,7 +180,7 @@ def _sane(
 
 
 def _draw(case: Case, out: Path, record: ValveRecord, cycle: CycleNumbers) -> Path:
-    from valvefsi.io.valve_waveform_plots import valve_waveforms
+    from valvefsi.post.plots.valve_waveform import valve_waveforms
 
     waves = {"t": record.t, "p_lv": record.p_lv, "p_ao": record.p_ao, "q": record.q, "pdva": record.pdva}
     if cycle.forward_start is not None:

@@ -10,13 +10,13 @@ from scipy.spatial import cKDTree
 
 from valvefsi.case.models import Case
 from valvefsi.case.valve import moved
-from valvefsi.diagnostics.projected_area import end_view, projected_area
-from valvefsi.diagnostics.surfaces import surface_triangles
 from valvefsi.errors import CaseError
 from valvefsi.geometry.valve import ValveMesh, mesh_valve
 from valvefsi.grid import Array
 from valvefsi.io.grid_files import times_of
 from valvefsi.io.solid_body import Body, read_body
+from valvefsi.post.diagnostics.projected_area import end_view, projected_area
+from valvefsi.post.diagnostics.surfaces import surface_triangles
 
 AXIS, CENTRE = np.array([0.0, 0.0, 1.0]), np.zeros(3)
 MOMENTS = 8
@@ -77,8 +77,8 @@ def draw_leaflets(
         out: Folder of the pictures.
         window: First and last time, such as those of a cycle; the whole run if None [s].
     """
-    from valvefsi.io.free_edge_plots import free_edges
-    from valvefsi.io.valve_waveform_plots import valve_end_views
+    from valvefsi.post.plots.free_edge import free_edges
+    from valvefsi.post.plots.valve_waveform import valve_end_views
 
     if not (Path(folder) / "paraview" / f"{case.housing.stent}.pvd").is_file():
         return []

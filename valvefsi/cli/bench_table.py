@@ -26,7 +26,7 @@ def command(
     """Gather results of benchmarks: computed, reference, difference, source, grid, ranks, date, time."""
     from rich.console import Console
 
-    from valvefsi.io.comparison_plots import differences
+    from valvefsi.post.plots.comparison import differences
     from valvefsi.verification.collection import COLUMNS, collect, markdown
 
     lines = collect(folders or [Path("results")], everything=everything)

@@ -38,8 +38,8 @@ def valve(
     from valvefsi.geometry.leaflets import TYPES
     from valvefsi.geometry.valve import mesh_valve, write_valve
     from valvefsi.geometry.valve_quality import quality
-    from valvefsi.io.valve_plots import outer_faces
-    from valvefsi.io.valve_plots import valve as draw
+    from valvefsi.post.plots.valve import outer_faces
+    from valvefsi.post.plots.valve import valve as draw
 
     if kind not in TYPES:
         raise CaseError(f"expected one of {', '.join(TYPES)}", key="--type", value=kind)

@@ -20,7 +20,7 @@ def read_plane(text: str | None) -> object:
     from pydantic_core import PydanticCustomError
 
     from valvefsi.case.quantities import Quantity
-    from valvefsi.io.slice_plots import Plane
+    from valvefsi.post.plots.slice import Plane
 
     if text is None:
         return None
@@ -57,7 +57,7 @@ def movie(
     from mpi4py import MPI
     from rich.progress import Progress as Bar
 
-    from valvefsi.io.movies import draw_movie
+    from valvefsi.post.movies import draw_movie
 
     if MPI.COMM_WORLD.rank != 0:
         return

@@ -37,12 +37,12 @@ def plot(
         _draw_fibres(folder, out if out is not None else Path())
         return
     if MPI.COMM_WORLD.rank == 0 and (cut is not None or _is_of_fluid(folder, field)):
-        from valvefsi.io.movies import draw_plane
+        from valvefsi.post.movies import draw_plane
 
         where = out if out is not None else folder
         typer.echo(str(draw_plane(folder, where, plane=read_plane(cut), field=field or "speed", t=t)))
         return
-    from valvefsi.io.solid_plots import can_render, draw_folder
+    from valvefsi.post.plots.solid import can_render, draw_folder
 
     if MPI.COMM_WORLD.rank != 0:
         return
@@ -57,7 +57,7 @@ def plot(
 
 def _is_of_fluid(folder: Path, field: str | None) -> bool:
     """Whether a field is one that only the fluid of a run has."""
-    from valvefsi.io.slice_plots import DERIVED
+    from valvefsi.post.plots.slice import DERIVED
 
     known = {*DERIVED, "pressure", "mean_pressure", "turbulence_kinetic_energy"}
     return field in known and (folder / "paraview" / "fluid.pvd").is_file()

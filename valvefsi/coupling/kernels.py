@@ -15,7 +15,7 @@ import math
 import numba
 import numpy as np
 
-from valvefsi.compiled import vectors
+from valvefsi.runtime.compiled import vectors
 
 Array = np.ndarray
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")

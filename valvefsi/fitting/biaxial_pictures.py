@@ -11,7 +11,7 @@ from valvefsi.fitting.biaxial_problem import measured_from_pk2
 from valvefsi.fitting.planar import PlanarState
 from valvefsi.fitting.report import measures
 from valvefsi.fitting.uncertainty import band
-from valvefsi.io.fit_plots import Block, Curve, blocks_picture
+from valvefsi.post.plots.fit import Block, Curve, blocks_picture
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from valvefsi.fitting.report import Report
-from valvefsi.io.fit_plots import ProfilePanel, profiles_picture
+from valvefsi.post.plots.fit import ProfilePanel, profiles_picture
 
 
 def draw_profiles(path: Path, report: Report) -> Path:

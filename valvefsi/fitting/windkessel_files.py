@@ -49,7 +49,7 @@ def write_circuit(report: CircuitReport, path: Path) -> Path:
 
 def draw_fit(report: CircuitReport, out: Path) -> list[Path]:
     """Draw ``fit.png`` and, where there are profiles, ``profiles.png``."""
-    from valvefsi.io import waveform_plots as plots
+    from valvefsi.post.plots import waveform as plots
 
     fit, waves, model = report.fit, report.waves, report.simulator.model
     wide = np.sqrt(report.extra["residual_correlation_samples"])
@@ -75,7 +75,7 @@ def draw_fit(report: CircuitReport, out: Path) -> list[Path]:
 
 def draw_pump(report: PumpReport, out: Path) -> Path:
     """Draw the derived pressure of the pump, and P_LV of the forward run over the measured one."""
-    from valvefsi.io import waveform_plots as plots
+    from valvefsi.post.plots import waveform as plots
 
     measured = report.measured
     picture = plots.CircuitPicture(

@@ -22,7 +22,7 @@ import numpy as np
 import scipy.fft
 import scipy.fftpack
 
-from valvefsi import threads
+from valvefsi.runtime import threads
 
 Array = np.ndarray
 

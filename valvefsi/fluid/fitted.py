@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from valvefsi import dolfinx_compat as compat
+from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
 import basix.ufl

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from valvefsi import threads
 from valvefsi.fluid.axes import Axis
 from valvefsi.fluid.stencils import kernel
+from valvefsi.runtime import threads
 
 Array = np.ndarray
 WIDTH = 64

@@ -9,11 +9,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from valvefsi import threads
 from valvefsi.fluid import explicit_kernels, graded_kernels, stencils
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.runtime import threads
 
 
 class UniformOperators:

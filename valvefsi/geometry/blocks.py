@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valvefsi import dolfinx_compat as compat  # noqa: F401  (loads MPI and DOLFINx in the right order)
+from valvefsi.runtime import dolfinx_compat as compat  # noqa: F401  (loads MPI and DOLFINx in the right order)
 
 # isort: split
 import basix.ufl

@@ -1,1 +1,1 @@
-"""Files: checkpoints, histories, ParaView series, pictures."""
+"""Files only: checkpoints, histories, ParaView series."""

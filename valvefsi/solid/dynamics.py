@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valvefsi import dolfinx_compat as compat
+from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
 import ufl
@@ -21,7 +21,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from valvefsi.errors import CaseError, ConvergenceError, StabilityError
-from valvefsi.solid.lumping import lumped_weights
+from valvefsi.solid.elements.lumping import lumped_weights
 from valvefsi.solid.moving_solid import Energies, MovingSolid
 from valvefsi.solid.newton import Newton
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from valvefsi import dolfinx_compat as compat
+from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
 import ufl
 from dolfinx import fem
 
 from valvefsi.errors import CaseError
-from valvefsi.solid.equilibrium import Body
-from valvefsi.solid.formulations import NearlyIncompressible
 from valvefsi.solid.loads import Ramp
 from valvefsi.solid.statics import evaluate_at
-from valvefsi.solid.supports import Prescribed
+from valvefsi.solid.statics.equilibrium import Body
+from valvefsi.solid.statics.formulations import NearlyIncompressible
+from valvefsi.solid.statics.supports import Prescribed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from valvefsi.solid.loads import DeadLoad, Pressure, Tether
     from valvefsi.solid.materials import Material
-    from valvefsi.solid.supports import Fixed, Symmetry
+    from valvefsi.solid.statics.supports import Fixed, Symmetry
 
     Array = NDArray[np.float64]
 

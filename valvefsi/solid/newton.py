@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from typing import TYPE_CHECKING
 
-from valvefsi import dolfinx_compat as compat
+from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
 import ufl

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valvefsi import dolfinx_compat as compat
+from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
 import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from valvefsi.solid.kinematics import Kinematics
+from valvefsi.solid.materials.kinematics import Kinematics
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valvefsi import dolfinx_compat as compat
+from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
 import basix
@@ -20,9 +20,9 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from valvefsi.errors import CaseError
-from valvefsi.solid.kinematics import Kinematics
+from valvefsi.solid.elements.numbering import number_nodes
 from valvefsi.solid.materials import Volumetric
-from valvefsi.solid.numbering import number_nodes
+from valvefsi.solid.materials.kinematics import Kinematics
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
     from valvefsi.solid.materials import Material
-    from valvefsi.solid.parameters import Direction
+    from valvefsi.solid.materials.parameters import Direction
     from valvefsi.solid.statics import StaticSolution
     from valvefsi.solid.structure import Structure
 

@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from valvefsi import dolfinx_compat as compat
+from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
 from dolfinx import fem
 from mpi4py import MPI
 
 from valvefsi.errors import CaseError
-from valvefsi.solid.elasticity import Elasticity
-from valvefsi.solid.fibres import check_fibres
-from valvefsi.solid.gaps import Gaps
-from valvefsi.solid.lumping import lumped_weights, surface_area
+from valvefsi.solid.elements.elasticity import Elasticity
+from valvefsi.solid.elements.gaps import Gaps
+from valvefsi.solid.elements.lumping import lumped_weights, surface_area
+from valvefsi.solid.elements.numbering import number_nodes
+from valvefsi.solid.elements.viscosity import Viscosity
 from valvefsi.solid.materials import Volumetric, kappa_stab, stabilisation
+from valvefsi.solid.materials.fibres import check_fibres
 from valvefsi.solid.moving_tether import MovingTether
-from valvefsi.solid.numbering import number_nodes
-from valvefsi.solid.viscosity import Viscosity
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,0 +1,66 @@
+"""Pictures: what is drawn is where it should be and has the colour it should have."""
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from valvefsi.post.plots.base import PlaneFlow, PlaneSolid, Series, flow_and_solid, histories, phase_bars
+
+X = np.arange(16) + 0.5
+
+
+def flow(pressure=False):
+    x, y = np.meshgrid(X, X, indexing="ij")
+    return PlaneFlow(x=X, y=X, u=y - 8, v=8 - x, pressure=(x - 8) if pressure else None)
+
+
+def block(J):
+    points = np.array([[4, 4, 0.5], [8, 4, 0.5], [12, 4, 0.5], [4, 12, 0.5], [8, 12, 0.5], [12, 12, 0.5]])
+    cells = {9: np.array([[0, 1, 4, 3], [1, 2, 5, 4]])}
+    return PlaneSolid(points=points, cells=cells, J=np.array(J), outline=points[[0, 2, 5, 3, 0], :2])
+
+
+@pytest.mark.parametrize("pressure", [False, True])
+def test_compressed_cells_are_red_and_dilated_ones_blue(tmp_path, pressure):
+    picture = imread(flow_and_solid(tmp_path / "a" / "flow.png", flow(pressure), [block([0.9, 1.1])]))
+    # The left quarter of the picture's block and the right one, in the middle of its height.
+    height, width = picture.shape[:2]
+    left, right = (picture[int(0.46 * height), int(f * width), :3] for f in (0.44, 0.59))
+    assert left[0] > left[2] + 0.3
+    assert right[2] > right[0] + 0.3
+
+
+def test_a_solid_at_rest_in_a_fluid_at_rest_is_drawn(tmp_path):
+    rest = PlaneFlow(x=X, y=X, u=np.zeros((16, 16)), v=np.zeros((16, 16)))
+    for solids in ([block([1.0, 1.0])], []):
+        assert flow_and_solid(tmp_path / "flow.png", rest, solids, title="rest").stat().st_size > 5000
+
+
+def test_triangles_and_second_order_cells_are_drawn_by_their_corners():
+    nodes = np.arange(9)[None]
+    solid = PlaneSolid(
+        points=np.random.default_rng(0).random((9, 3)), cells={70: nodes, 69: nodes[:, :6]}, J=np.ones(2)
+    )
+    assert [polygons.shape for polygons in solid.polygons] == [(1, 4, 2), (1, 3, 2)]
+
+
+def test_a_history_shows_its_reference(tmp_path):
+    t = np.linspace(0, 1, 50)
+    panels = [
+        Series(label="u [cm]", lines={"a": t, "b": t**2}, reference=0.8),
+        Series(label="v [cm]", lines={"a": t}),
+    ]
+    with_reference = imread(histories(tmp_path / "a.png", t, panels, title="t", caption="c"))
+    panels[0] = Series(label="u [cm]", lines=panels[0].lines)
+    without = imread(histories(tmp_path / "b.png", t, panels, title="t", caption="c"))
+    assert with_reference.shape == without.shape
+    assert (with_reference != without).any(axis=-1).sum() > 500
+
+
+def test_the_phases_of_a_step_are_drawn(tmp_path):
+    steps = {"64^3": {"a": 1.0, "b": 3.0}, "128^3": {"a": 10.0, "c": 10.0}}
+    picture = imread(phase_bars(tmp_path / "speed.png", steps))
+    blue = (np.abs(picture[..., :3] - np.array([0x56, 0xB4, 0xE9]) / 255) < 0.02).all(axis=-1).sum(axis=1)
+    bars = np.split(blue, np.flatnonzero(np.diff((blue > 100).astype(int))) + 1)
+    first, second = (bar.max() for bar in bars if bar.min() > 100)
+    assert second == pytest.approx(2 * first, rel=0.05)

@@ -1,0 +1,1 @@
+"""What the coupled step moves and spreads: elastic bodies, heavy ones, rigid ones."""

@@ -1,0 +1,5 @@
+"""The staggered grid and the grading of its axes."""
+
+from valvefsi.grid.mac import DEPTH, GHOSTS, UNIFORM, Array, Faces, MacGrid
+
+__all__ = ["DEPTH", "GHOSTS", "UNIFORM", "Array", "Faces", "MacGrid"]

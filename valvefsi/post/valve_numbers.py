@@ -1,0 +1,392 @@
+"""The numbers that a heart-valve laboratory reports, from waveforms of a pulse duplicator.
+
+Terms are those of ISO 5840-1:2021 and ISO 5840-2:2021. Where the standard leaves a choice, this is taken:
+
+- A cycle is [start + k T, start + (k + 1) T]; ``start`` must lie in the closed phase.
+- Forward flow: from the last zero of q before its peak to the first one after it. Where q has crept above zero
+  in the closed phase long before it rises, from where the line through its rise from ``backflow_floor`` of the
+  peak flow to twice that meets zero; so too where it is above zero at the start of the cycle, by no more than that.
+- Positive pressure difference: the part of the forward flow over which the integral of p_lv - p_ao is
+  largest. Where the difference changes sign once, this is where it is positive; noise about a zero neither
+  cuts nor stretches it. Mean pressure difference, and the flow in the effective orifice area, are over it.
+- Closing: from the end of forward flow until the backflow, after its largest value (looked for in a tenth of
+  the cycle), is back at the leakage but for ``backflow_floor`` of the peak flow. The leakage is the median of
+  q outside forward flow, or zero if that is positive.
+- Leakage is what flows back in the rest of the cycle, so forward = net + closing + leakage to round-off.
+- Opening and closing from the valve's area (PDVA) where it is given: from one level of its rise to another,
+  10 % and 90 % unless told, and back over those of its fall, which may end at another area. Without it, the
+  flow stands in: start of forward flow, first and last time at the upper level of the peak flow, end of closing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+
+import numpy as np
+
+from valvefsi.grid import Array
+from valvefsi.post.diagnostics.speeds import reynolds_number
+from valvefsi.post.valve_record import (
+    ValveRecord,
+    ValveTest,
+    crossing,
+    cut,
+    fault,
+    integral,
+    integral_of_square,
+    part_of,
+)
+from valvefsi.units import LITRE_PER_MINUTE, MMHG
+
+CLOSING_WINDOW = 0.1
+"""Time after forward flow in which the closing backflow has its largest value, as a part of the cycle."""
+
+LONG = 5.0
+"""How long before its rise flow may be above zero, by the time that it takes from one floor to two."""
+
+VOLUMES = ("closing_volume", "leakage_volume", "regurgitant_volume", "regurgitant_fraction")
+PRESSURES = (
+    "pressure_start",
+    "pressure_end",
+    "mean_pressure_difference",
+    "peak_pressure_difference",
+    "rms_flow",
+    "effective_orifice_area",
+)
+FORWARD = ("forward_volume", "rms_forward_flow", "forward_start", "forward_end", "forward_duration")
+TIMES = ("opening_start", "opening_end", "closing_start", "closing_end")
+DURATIONS = ("opening_duration", "open_duration", "closing_duration")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CycleNumbers:
+    """The numbers of one cycle; None where a number cannot be given, `reasons` then says why.
+
+    Times count from the start of the cycle. Backward volumes are positive.
+
+    Attributes:
+        cycle: Number of the cycle, from 0.
+        start: When it starts [s].
+        forward_volume: Forward stroke volume, integral of q over forward flow [cm^3].
+        net_volume: Net stroke volume, integral of q over the cycle [cm^3].
+        cardiac_output: Net volume over the cycle's length [cm^3/s].
+        peak_flow: Largest flow [cm^3/s].
+        rms_forward_flow: Root mean square of q over forward flow [cm^3/s].
+        rms_flow: Root mean square of q over the positive pressure difference, for the orifice area [cm^3/s].
+        forward_start: Start of forward flow [s].
+        forward_end: End of forward flow [s].
+        forward_duration: Length of forward flow [s].
+        pressure_start: Start of the positive pressure difference [s].
+        pressure_end: End of the positive pressure difference [s].
+        mean_pressure_difference: Mean of p_lv - p_ao over the positive pressure difference [dyn/cm^2].
+        peak_pressure_difference: Largest p_lv - p_ao in that time [dyn/cm^2].
+        peak_to_peak_difference: Largest p_lv less largest p_ao, at whatever times [dyn/cm^2].
+        effective_orifice_area: EOA from rms_flow and mean_pressure_difference [cm^2].
+        closing_volume: Backward volume while the valve closes [cm^3].
+        leakage_volume: Backward volume in the rest of the cycle [cm^3].
+        regurgitant_volume: Closing and leakage volume [cm^3].
+        regurgitant_fraction: Regurgitant over forward volume.
+        opening_start: When the valve starts to open [s].
+        opening_end: When it is open [s].
+        closing_start: When it starts to close [s].
+        closing_end: When it is closed [s].
+        opening_duration: From opening_start to opening_end [s].
+        open_duration: From opening_end to closing_start [s].
+        closing_duration: From closing_start to closing_end [s].
+        times_from: What the opening and closing times are read off, ``pdva`` or ``flow``.
+        peak_pdva: Largest projected dynamic valve area [cm^2].
+        peak_reynolds: Reynolds number of the peak flow, 4 rho q/(pi D mu).
+        mean_aortic_pressure: Mean of p_ao over the cycle [dyn/cm^2].
+        reasons: Why a number is None, by its name.
+    """
+
+    cycle: int
+    start: float
+    forward_volume: float | None = None
+    net_volume: float | None = None
+    cardiac_output: float | None = None
+    peak_flow: float | None = None
+    rms_forward_flow: float | None = None
+    rms_flow: float | None = None
+    forward_start: float | None = None
+    forward_end: float | None = None
+    forward_duration: float | None = None
+    pressure_start: float | None = None
+    pressure_end: float | None = None
+    mean_pressure_difference: float | None = None
+    peak_pressure_difference: float | None = None
+    peak_to_peak_difference: float | None = None
+    effective_orifice_area: float | None = None
+    closing_volume: float | None = None
+    leakage_volume: float | None = None
+    regurgitant_volume: float | None = None
+    regurgitant_fraction: float | None = None
+    opening_start: float | None = None
+    opening_end: float | None = None
+    closing_start: float | None = None
+    closing_end: float | None = None
+    opening_duration: float | None = None
+    open_duration: float | None = None
+    closing_duration: float | None = None
+    times_from: str | None = None
+    peak_pdva: float | None = None
+    peak_reynolds: float | None = None
+    mean_aortic_pressure: float | None = None
+    reasons: Mapping[str, str] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, object]:
+        """All numbers by name, in CGS units."""
+        return asdict(self)
+
+    def in_lab_units(self) -> dict[str, object]:
+        """All numbers by name and unit: mmHg, ml, ml/s, l/min, cm^2, ms, per cent."""
+        return dict(_in_lab_unit(name, value) for name, value in self.as_dict().items() if name != "reasons")
+
+
+NUMBERS = tuple(f.name for f in fields(CycleNumbers) if f.name not in ("cycle", "start", "reasons"))
+
+
+def _in_lab_unit(name: str, value: float | str | None) -> tuple[str, float | str | None]:
+    """Name with its unit, and the value in it."""
+    unit, scale = "", 1.0
+    if name == "cardiac_output":
+        unit, scale = "_l_per_min", LITRE_PER_MINUTE
+    elif name == "regurgitant_fraction":
+        unit, scale = "_percent", 0.01
+    elif name == "start":
+        unit = "_s"
+    elif name.endswith("_volume"):
+        unit = "_ml"
+    elif "flow" in name:
+        unit = "_ml_per_s"
+    elif name.endswith(("_area", "_pdva")):
+        unit = "_cm2"
+    elif name.endswith(("_difference", "_aortic_pressure")):
+        unit, scale = "_mmHg", MMHG
+    elif name.endswith(("_start", "_end", "_duration")):
+        unit, scale = "_ms", 1.0e-3
+    return name + unit, value / scale if isinstance(value, float) else value
+
+
+def effective_orifice_area(rms_flow: float, mean_difference: float, rho: float) -> float:
+    """Effective orifice area.
+
+        EOA = q_rms/(51.6 sqrt(dp/rho))          (ISO 5840-1:2021; q ml/s, dp mmHg, rho g/cm^3, EOA cm^2)
+
+    51.6 is sqrt(2 x 1333.22) rounded, so that EOA is 1.0007 times the area of q = A sqrt(2 dp/rho).
+
+    Args:
+        rms_flow: Root mean square flow over the positive pressure difference [cm^3/s].
+        mean_difference: Mean pressure difference over the same time, positive [dyn/cm^2].
+        rho: Density [g/cm^3].
+
+    Returns:
+        The area [cm^2].
+    """
+    if not mean_difference > 0:
+        raise ValueError(f"mean_difference: expected a positive pressure, found {mean_difference}")
+    return float(rms_flow / (51.6 * np.sqrt(mean_difference / MMHG / rho)))
+
+
+def valve_numbers(record: ValveRecord, test: ValveTest) -> list[CycleNumbers]:
+    """The numbers of every cycle that the record begins; an incomplete one has reasons in their place."""
+    return [cycle_numbers(record, test, k) for k in range(record.num_cycles)]
+
+
+def cycle_numbers(record: ValveRecord, test: ValveTest, cycle: int = -1) -> CycleNumbers:
+    """The numbers of one cycle.
+
+    Args:
+        record: The waveforms.
+        test: The fluid and the valve.
+        cycle: Number of the cycle, from 0; negative from the last one begun.
+
+    Raises:
+        IndexError: The record has no such cycle.
+    """
+    k = cycle + record.num_cycles if cycle < 0 else cycle
+    if not 0 <= k < record.num_cycles:
+        raise IndexError(f"cycle {cycle}: the record begins {record.num_cycles}")
+    start = record.start + k * record.period
+    if reason := fault(record, k):
+        return CycleNumbers(cycle=k, start=start, reasons=dict.fromkeys(NUMBERS, reason))
+    x = cut(record, k)
+    found, reasons = _whole_cycle(x, record.period, test), {}
+    for part in (_forward, _pressure, _backward, _times):
+        part(x, test, found, reasons)
+    return CycleNumbers(cycle=k, start=start, reasons=reasons, **found)
+
+
+def cycle_change(record: ValveRecord) -> tuple[dict[str, float | None], dict[str, str]]:
+    """Change from the last but one complete cycle to the last, |x - x_before|/|x| in L2 over the cycle.
+
+    Returns:
+        The change by name of the waveform, and why it is None.
+    """
+    complete = [k for k in range(record.num_cycles) if not fault(record, k)]
+    if len(complete) < 2 or complete[-1] != complete[-2] + 1:
+        reason = f"two complete cycles in a row are needed, the record has {len(complete)} complete"
+        return dict.fromkeys(record.signals), dict.fromkeys(record.signals, reason)
+    last, before = cut(record, complete[-1]), cut(record, complete[-2])
+    change, reasons = {}, {}
+    for name in record.signals:
+        size = integral_of_square(last["t"], last[name])
+        # On the times of both, so that the difference is piecewise linear and the integral exact.
+        t = np.union1d(last["t"], before["t"])
+        x, y = np.interp(t, last["t"], last[name]), np.interp(t, before["t"], before[name])
+        change[name] = float(np.sqrt(integral_of_square(t, x - y) / size)) if size > 0 else None
+        if size == 0:
+            reasons[name] = "zero throughout the last cycle"
+    return change, reasons
+
+
+def _whole_cycle(x: dict[str, Array], period: float, test: ValveTest) -> dict[str, object]:
+    """Numbers that need no interval."""
+    peak, net = float(x["q"].max()), integral(x["t"], x["q"])
+    return {
+        "net_volume": net,
+        "cardiac_output": net / period,
+        "peak_flow": peak,
+        "peak_reynolds": float(reynolds_number(peak, test.diameter, test.rho, test.mu)),
+        "peak_to_peak_difference": float(x["p_lv"].max() - x["p_ao"].max()),
+        "mean_aortic_pressure": integral(x["t"], x["p_ao"]) / period,
+    }
+
+
+def _forward(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> None:
+    """Forward flow: the interval about the peak in which q is positive."""
+    t, q = x["t"], x["q"]
+    peak = int(np.argmax(q))
+    # Round-off of a waveform that starts at zero is no flow.
+    still = q <= 1e-9 * max(q[peak], 0.0)
+    before, after = np.flatnonzero(still[:peak]), np.flatnonzero(still[peak:])
+    if q[peak] <= 0:
+        reason = "no forward flow"
+    elif not (len(before) or q[0] <= test.backflow_floor * q[peak]) or not len(after):
+        reason = "forward flow is cut by the cycle's edge; start the cycle in the closed phase"
+    else:
+        zero = crossing(t, q, before[-1], 0.0) if len(before) else float(t[0])
+        start = _rise(t, q, peak, test.backflow_floor, zero)
+        end = crossing(t, q, peak + after[0] - 1, 0.0)
+        nodes, flow = part_of(t, q, start, end)
+        rms = np.sqrt(integral_of_square(nodes, flow) / (end - start))
+        found |= dict(zip(FORWARD, (integral(nodes, flow), float(rms), start, end, end - start), strict=True))
+        return
+    reasons |= dict.fromkeys(FORWARD, reason)
+
+
+def _rise(t: Array, q: Array, peak: int, floor: float, zero: float) -> float:
+    """Start of forward flow: the last zero of q, or later where q has crept above zero long before it rises."""
+    low, high = (
+        crossing(t, q, int(np.flatnonzero(q[:peak] <= part * q[peak])[-1]), part * q[peak])
+        for part in (floor, 2.0 * floor)
+    )
+    line = low - (high - low)
+    return line if zero < line - LONG * (high - low) else zero
+
+
+def _pressure(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> None:
+    """Positive pressure difference in forward flow: the part with the largest integral of p_lv - p_ao."""
+    if "forward_start" not in found:
+        reasons |= dict.fromkeys(PRESSURES, reasons["forward_start"])
+        return
+    t, dp = part_of(x["t"], x["p_lv"] - x["p_ao"], found["forward_start"], found["forward_end"])
+    changes = np.flatnonzero(dp[1:] * dp[:-1] < 0)
+    nodes = np.sort(np.concatenate([t, [crossing(t, dp, i, 0.0) for i in changes]]))
+    t, dp = nodes, np.interp(nodes, t, dp)
+    impulse = np.concatenate([[0.0], np.cumsum(0.5 * (dp[1:] + dp[:-1]) * np.diff(t))])
+    last = int(np.argmax(impulse - np.minimum.accumulate(impulse)))
+    # The last of equal minima: no difference at all is not a positive one.
+    first = last - int(np.argmin(impulse[last::-1]))
+    gained = impulse[last] - impulse[first]
+    if gained <= 0:
+        reasons |= dict.fromkeys(PRESSURES, "p_lv never exceeds p_ao during forward flow")
+        return
+    start, end = float(t[first]), float(t[last])
+    rms = float(np.sqrt(integral_of_square(*part_of(x["t"], x["q"], start, end)) / (end - start)))
+    mean = float(gained / (end - start))
+    area = effective_orifice_area(rms, mean, test.rho)
+    peak = float(dp[first : last + 1].max())
+    found |= dict(zip(PRESSURES, (start, end, mean, peak, rms, area), strict=True))
+
+
+def _backward(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> None:
+    """Closing, leakage and regurgitant volume."""
+    if "forward_start" not in found:
+        reasons |= dict.fromkeys(VOLUMES, reasons["forward_start"])
+        return
+    forward = found["forward_volume"]
+    found["regurgitant_volume"] = forward - found["net_volume"]
+    found["regurgitant_fraction"] = found["regurgitant_volume"] / forward
+    end = _closed(x, test, found)
+    if end is None:
+        reason = "the valve is not closed when the cycle ends; start the cycle in the closed phase"
+        reasons |= dict.fromkeys(("closing_volume", "leakage_volume"), reason)
+        return
+    found["closing_volume"] = -integral(*part_of(x["t"], x["q"], found["forward_end"], end))
+    found["leakage_volume"] = found["regurgitant_volume"] - found["closing_volume"]
+
+
+def _closed(x: dict[str, Array], test: ValveTest, found: dict) -> float | None:
+    """When closing backflow is over; the end of forward flow if there is none, None if it does not end."""
+    t, q = part_of(x["t"], x["q"], found["forward_end"], x["t"][-1])
+    outside = (x["t"] < found["forward_start"]) | (x["t"] > found["forward_end"])
+    floor = min(float(np.median(x["q"][outside])), 0.0) - test.backflow_floor * found["peak_flow"]
+    least = int(np.argmin(np.where(t - t[0] <= CLOSING_WINDOW * x["t"][-1], q, np.inf)))
+    if q[least] >= floor:
+        return found["forward_end"]
+    back = np.flatnonzero(q[least:] >= floor)
+    return crossing(t, q, least + back[0] - 1, floor) if len(back) else None
+
+
+def _times(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> None:
+    """Opening and closing times, from the area where there is one, else from the flow."""
+    if "pdva" in x:
+        found["times_from"], found["peak_pdva"] = "pdva", float(x["pdva"].max())
+        times, reason = _times_from_area(x["t"], x["pdva"], test)
+    else:
+        found["times_from"] = "flow"
+        reasons["peak_pdva"] = "no valve area in the record"
+        times, reason = _times_from_flow(x, test, found), reasons.get("forward_start", "")
+    known = dict(zip(TIMES, times, strict=True))
+    if known["closing_end"] is None and not reason:
+        reason = reasons["closing_volume"]
+    a, b, c, d = times
+    pairs = zip(DURATIONS, ((a, b), (b, c), (c, d)), strict=True)
+    known |= {name: None if None in pair else pair[1] - pair[0] for name, pair in pairs}
+    reasons |= {name: reason for name, value in known.items() if value is None}
+    found |= known
+
+
+def _times_from_area(t: Array, area: Array, test: ValveTest) -> tuple[tuple[float | None, ...], str]:
+    """Where the area passes the two levels of its rise, and those of its fall, which may end at another area."""
+    nothing = (None,) * len(TIMES)
+    span = np.ptp(area)
+    if not span > 0:
+        return nothing, "the valve area does not change"
+    top = int(np.argmax(area))
+    least = area[: top + 1].min(), area[top:].min()
+    if area[top] - max(least) < 0.5 * span:
+        return nothing, "the valve is open at the cycle's edge; start the cycle in the closed phase"
+    (low, high), (end_low, end_high) = (
+        [float(x + part * (area[top] - x)) for part in test.levels] for x in least
+    )
+    first, last = np.flatnonzero(area >= high)[0], np.flatnonzero(area >= end_high)[-1]
+    before, after = np.flatnonzero(area[:first] <= low)[-1], np.flatnonzero(area[last:] <= end_low)[0]
+    return (
+        crossing(t, area, before, low),
+        crossing(t, area, first - 1, high),
+        crossing(t, area, last, end_high),
+        crossing(t, area, last + after - 1, end_low),
+    ), ""
+
+
+def _times_from_flow(x: dict[str, Array], test: ValveTest, found: dict) -> tuple[float | None, ...]:
+    """Start of forward flow, first and last time at the upper level of the peak, end of closing."""
+    if "forward_start" not in found:
+        return (None,) * len(TIMES)
+    t, q, high = x["t"], x["q"], test.levels[1] * found["peak_flow"]
+    at = np.flatnonzero((q >= high) & (t >= found["forward_start"]) & (t <= found["forward_end"]))
+    opened, closing = crossing(t, q, at[0] - 1, high), crossing(t, q, at[-1], high)
+    return found["forward_start"], opened, closing, _closed(x, test, found)

@@ -1,0 +1,1 @@
+"""A run in time: the loop, its steps, what it watches, records and expects to take."""

@@ -1,0 +1,150 @@
+"""The pictures at the end of a run: histories, and in two dimensions the solids over the flow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from valvefsi.fsi import Model, State
+from valvefsi.grid import Array, MacGrid
+from valvefsi.io.history import read_history
+from valvefsi.post import diagnostics
+from valvefsi.run.recording import Output, grid_part
+
+ALWAYS = {"kinetic_energy_erg": "kinetic energy [erg]", "courant": "Courant number [-]"}
+"""What is drawn where a run has no solid."""
+
+
+def draw(
+    model: Model,
+    state: State,
+    output: Output,
+    title: str,
+    references: Mapping[str, tuple[str, float]],
+) -> dict[str, float]:
+    """Draw ``histories.png``, and ``flow.png`` in two dimensions, into the folder of a run.
+
+    Where profiles were asked for, also ``profiles.png``, and where the flow was averaged, in space, the mean axial
+    velocity and the turbulence kinetic energy in the plane of all lines.
+
+    Args:
+        model: The model.
+        state: The last state.
+        output: Where the run has written its history.
+        title: Heading of the pictures.
+        references: Line and its value in the plot of a column of the history, by column.
+
+    Returns:
+        The last row of the history.
+
+    Note:
+        Collective; rank 0 draws.
+    """
+    solids = [(solid.cells_on_root(chi), solid.cells_on_root(solid.X)) for solid, chi in _pairs(model, state)]
+    flow = _plane(model.grid, state) if model.grid.dim == 2 else None
+    last = None
+    if model.grid.comm.rank == 0:
+        history = read_history(output.directory / "history.csv")
+        last = {name: values[-1] for name, values in history.items()}
+        _draw_histories(output.directory / "histories.png", history, title, references)
+        if flow is not None:
+            caption = f"t = {state.t:.4g} s"
+            _draw_flow(output.directory / "flow.png", model.grid, flow, solids, (title, caption))
+        if output.lines:
+            _draw_lines(output, model.grid.dim, title)
+    return model.grid.comm.bcast(last)
+
+
+def _pairs(model: Model, state: State) -> list[tuple]:
+    return list(zip(model.solids, state.chi, strict=True))
+
+
+def _plane(grid: MacGrid, state: State) -> tuple[Array, Array] | None:
+    """Velocity and pressure of a two-dimensional grid in the cells, whole on rank 0. Collective."""
+    velocity = diagnostics.cell_velocity(grid, state.u)[:, :, 0, :2]
+    pressure = grid_part(state.p, grid.owned)[:, :, 0]
+    parts = grid.comm.gather((grid.start, velocity, pressure), root=0)
+    if parts is None:
+        return None
+    u, p = np.zeros((*grid.cells[:2], 2)), np.zeros(grid.cells[:2])
+    for start, part, q in parts:
+        place = tuple(slice(s, s + n) for s, n in zip(start[:2], q.shape, strict=True))
+        u[place], p[place] = part, q
+    return u, p
+
+
+def _draw_histories(
+    path: Path,
+    history: Mapping[str, list[float]],
+    title: str,
+    references: Mapping[str, tuple[str, float]],
+) -> None:
+    from valvefsi.post.plots import base as plots
+
+    series = []
+    moved = [n for n in history if n.startswith("u_")]
+    chosen = moved + [n for n in history if n.endswith("_change_percent")] or list(ALWAYS)
+    for name in chosen:
+        line, value = references.get(name, ("", None))
+        if value is None and np.ptp(history[name]) < 1e-6 * max(np.ptp(history[n]) for n in chosen):
+            continue  # what moves a millionth of the rest does not move
+        panel = plots.Series(
+            label=_label(name), lines={name: history[name]}, reference=value, reference_label=line
+        )
+        series.append(panel)
+    plots.histories(path, history["t_s"], series, title=title)
+
+
+def _draw_lines(output: Output, dim: int, title: str) -> None:
+    """Draw profiles, and averages in the plane that holds their lines, with the lines dashed."""
+    from valvefsi.post.movies import draw_plane
+    from valvefsi.post.plots.profile import draw_profiles, largest_velocity, read_profiles
+    from valvefsi.post.plots.slice import Plane
+
+    found = read_profiles(output.directory / "profiles")
+    profiles = {name: found[name] for name in output.lines}
+    column = largest_velocity(profiles)
+    averaged = column.startswith("mean_")
+    caption = f"averaged from t = {output.averages_from:.4g} s on" if averaged else "at the end"
+    draw_profiles(output.directory / "profiles.png", profiles, title=title, caption=caption)
+    ends = np.array([end for line in output.lines.values() for end in (line.start, line.end)])
+    flat = np.flatnonzero(np.ptp(ends, axis=0) < 1e-9)
+    if dim < 3 or not len(flat) or not averaged:
+        return
+    plane = Plane(axis=int(flat[0]), position=float(ends[0, flat[0]]))
+    kept = [k for k in range(3) if k != plane.axis]
+    lines = [np.array([line.start, line.end])[:, kept] for line in output.lines.values()]
+    for field in (f"mean_velocity_{column[7]}", "turbulence_kinetic_energy"):
+        draw_plane(output.directory, output.directory, plane=plane, field=field, lines=lines)
+
+
+def _label(column: str) -> str:
+    """Axis label of a column of the history, the part before its unit in words."""
+    if column in ALWAYS:
+        return ALWAYS[column]
+    words, _, unit = column.rpartition("_")
+    if column.startswith("u_"):
+        return f"$u_{words[2]}$, {words[4:].replace('_', ' ')} [{unit}]"
+    return f"{words.replace('_', ' ')} [%]"
+
+
+def _draw_flow(
+    path: Path, grid: MacGrid, flow: tuple[Array, Array], solids: list, heading: tuple[str, str]
+) -> None:
+    from valvefsi.post.plots import base as plots
+
+    x, y = (grid.lower[a] + (np.arange(grid.cells[a]) + 0.5) * grid.spacing[a] for a in range(2))
+    plane = plots.PlaneFlow(x=x, y=y, u=flow[0][..., 0], v=flow[0][..., 1])
+    drawn = [
+        plots.PlaneSolid(points=points, cells=cells, J=J, outline=_outline(*first[:2]))
+        for (points, cells, J), first in solids
+    ]
+    plots.flow_and_solid(path, plane, drawn, title=heading[0], caption=heading[1])
+
+
+def _outline(points: Array, cells: Mapping[int, Array]) -> Array:
+    """Corners of the box around the reference position, closed."""
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    return np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])

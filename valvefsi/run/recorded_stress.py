@@ -1,0 +1,98 @@
+"""Stress and strain of the solids that a run leaves behind, written with its frames: ParaView series, peaks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from valvefsi.io.history import History, read_history
+from valvefsi.io.paraview import BodySeries
+
+if TYPE_CHECKING:
+    from valvefsi.fsi import Model, State
+
+KILOPASCAL = 1.0e4
+"""[dyn/cm^2]"""
+PEAKS = "leaflets.csv"
+
+
+class StressRecorder:
+    """Writes the stresses that were asked for, and the peaks in each leaflet of a valve.
+
+    Args:
+        model: The model.
+        output: What to write, see `valvefsi.run.recording.Output`.
+        resume: State that the run goes on from, None for a new run.
+
+    Note:
+        Collective.
+    """
+
+    def __init__(self, model: Model, output: object, resume: State | None) -> None:
+        self.model, self.asked = model, output.stress
+        self.series, self.peaks = [], None
+        folder, comm = output.directory / "paraview", model.grid.comm
+        time = resume.t if resume else None
+        if output.stress:
+            for number, solid in enumerate(model.solids):
+                if hasattr(solid, "material"):
+                    series = BodySeries(folder, f"{solid.name}_stress", comm, resume_time=time)
+                    self.series.append((number, series, _stress(solid)))
+        if output.orifice is not None:
+            self._open_peaks(output, resume)
+
+    def _open_peaks(self, output: object, resume: State | None) -> None:
+        from valvefsi.solid.peaks import Peaks, columns_of, parts_of
+
+        self.valve = output.orifice.solid
+        solid = self.model.solids[self.valve]
+        parts = parts_of(solid.mesh)
+        degree = solid.discretisation.quadrature_degree
+        self.peaks = Peaks(_stress(solid, quadrature_degree=degree), parts)
+        columns = ["step", "t_s", *map(_named, columns_of(list(parts)))]
+        step = resume.step if resume else None
+        self.table = History(output.directory / PEAKS, columns, self.model.grid.comm, step)
+
+    def write(self, state: State) -> None:
+        """Write the stress of a state. Collective."""
+        for number, series, stress in self.series:
+            self.model.solids[number].jacobian(state.chi[number])  # puts the solid where it is now
+            asked = [q for q in self.asked if q != "fibre_stretch" or stress.has_fibre]
+            series.write(state.t, stress.gather(*asked))
+        if self.peaks is not None:
+            self.model.solids[self.valve].jacobian(state.chi[self.valve])
+            row = {_named(name): value / _unit(name) for name, value in self.peaks.now().items()}
+            self.table.append({"step": state.step, "t_s": state.t} | row)
+
+
+def _stress(solid: object, **options: object) -> object:
+    from valvefsi.solid.stress import stress_of_structure  # compiles a form for each solid
+
+    fibres = solid.mesh.fibres
+    options |= {"fibres": fibres, "fibre": next(iter(fibres))} if fibres else {}
+    return stress_of_structure(solid, **options)
+
+
+def _unit(name: str) -> float:
+    return KILOPASCAL if "von_mises" in name else 1.0
+
+
+def _named(name: str) -> str:
+    return f"{name}_kPa" if "von_mises" in name else name
+
+
+def leaflet_peaks(folder: Path) -> dict[str, dict[str, dict[str, float]]]:
+    """Return the largest values of a run's frames and their times, by leaflet and column; empty without any."""
+    path = Path(folder) / PEAKS
+    if not path.is_file():
+        return {}
+    table = read_history(path)
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for name, column in table.items():
+        if name in ("step", "t_s") or not column:
+            continue
+        measure = next(m for m in ("green_strain", "von_mises") if f"_{m}_" in name)
+        part, rest = name.split(f"_{measure}_", 1)
+        k = max(range(len(column)), key=column.__getitem__)
+        found.setdefault(part, {})[f"{measure}_{rest}"] = {"value": column[k], "t_s": table["t_s"][k]}
+    return found

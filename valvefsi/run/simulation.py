@@ -1,0 +1,377 @@
+"""The time loop: step size, health checks, history, checkpoints, output."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import signal
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi import fsi
+from valvefsi.errors import CaseError, StabilityError, Stopped
+from valvefsi.fsi import Model, State
+from valvefsi.grid import Array, MacGrid
+from valvefsi.post import diagnostics
+from valvefsi.run.health import Health
+from valvefsi.run.recording import Output, Recorder, box_of, load_state, refuse_to_overwrite, save_state
+from valvefsi.run.schedule import AdaptiveSchedule, Schedule
+from valvefsi.run.stable_step import stable_step
+from valvefsi.run.statistics import Statistics
+from valvefsi.runtime.memory import keep_freed_memory
+
+Progress = Callable[[int, float, float, dict[str, float]], None]
+
+MEASURED_PRODUCTS = 8
+"""Products of the Lanczos method by which a run measures its stable step: the limit to some per cent."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a run ends with.
+
+    Attributes:
+        state: The last state.
+        steps: Steps taken in this run, without those before a restart.
+        wall_s: Wall-clock time of these steps [s].
+        phases: Wall-clock time on rank 0 by phase [s].
+        recoveries: Each return to an earlier state: time it failed at and went back to, next step, reason.
+        warnings: What was warned of during the run, see `valvefsi.run.health`.
+    """
+
+    state: State
+    steps: int
+    wall_s: float
+    phases: dict[str, float] = field(default_factory=dict)
+    recoveries: tuple[dict[str, object], ...] = ()
+    warnings: tuple[dict[str, object], ...] = ()
+
+    def timing(self, grid: MacGrid) -> dict[str, object]:
+        """Steps, cells, wall-clock time, cell steps per second and phases, as in ``result.json``."""
+        cells = math.prod(grid.cells)
+        return {
+            "steps": self.steps,
+            "cells": cells,
+            "wall_s": self.wall_s,
+            "cell_steps_per_s": cells * self.steps / self.wall_s,
+            "phases": self.phases,
+            "recoveries": list(self.recoveries),
+            "warnings": list(self.warnings),
+        }
+
+
+class Simulation:
+    """A coupled run from a model to files.
+
+    Args:
+        model: The model.
+        schedule: The steps, fixed or adaptive.
+        output: What is written.
+        initial: State at t = 0; the fluid at rest by default.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        schedule: Schedule | AdaptiveSchedule,
+        output: Output,
+        initial: State | None = None,
+    ) -> None:
+        self.model, self.schedule, self.output = model, schedule, output
+        self.initial = initial
+        self.statistics = Statistics(model.grid, start=output.averages_from, lines=output.lines)
+        self.phases: dict[str, float] = defaultdict(float)
+        self.recoveries: list[dict[str, object]] = []
+        self.health = Health(model)
+
+    def run(self, *, resume: bool = False, progress: Progress | None = None) -> Outcome:
+        """Run to the end, or until something is wrong.
+
+        Args:
+            resume: Whether to go on from the newest whole checkpoint in the output folder.
+            progress: Called with step, time, end and the newest row of the history.
+
+        Raises:
+            CaseError: There is no checkpoint to resume from, or one of an unfinished run would be overwritten.
+            StabilityError: A velocity is not finite, the Courant number is too large, an element is inverted, or
+                a node is lost; the last good state has been written.
+            Stopped: SIGTERM or SIGINT arrived; a checkpoint has been written.
+
+        Note:
+            Collective.
+        """
+        keep_freed_memory()
+        state = self._first_state(resume)
+        recorder = Recorder(self.model, self.output, state if resume else None)
+        if not resume:
+            self._record(recorder, None, state)
+        started, first = time.perf_counter(), state.step
+        with _signals() as received:
+            state = self._march(state, recorder, received, progress)
+        wall = time.perf_counter() - started
+        with self._clock("output"):
+            save_state(self.model, state, self.output, self.statistics, finished=True)
+            self.statistics.write(state, self.output.directory, box_of(self.model.grid))
+        return Outcome(
+            state=state,
+            steps=state.step - first,
+            wall_s=wall,
+            phases=dict(self.phases),
+            recoveries=tuple(self.recoveries),
+            warnings=tuple(self.health.report()),
+        )
+
+    def pictures(
+        self, state: State, title: str = "", references: Mapping[str, tuple[str, float]] | None = None
+    ) -> dict[str, float]:
+        """Draw the histories and, in two dimensions, the solids over the flow.
+
+        Args:
+            state: The last state.
+            title: Heading of the pictures.
+            references: Line and its value in the plot of a column of the history, by column.
+
+        Returns:
+            The last row of the history.
+
+        Note:
+            Collective.
+        """
+        from valvefsi.run.pictures import draw
+
+        return draw(self.model, state, self.output, title, references or {})
+
+    def _first_state(self, resume: bool) -> State:
+        if not resume:
+            refuse_to_overwrite(self.model, self.output)
+            return self.initial or fsi.initial_state(self.model, self.schedule.dt)
+        state = load_state(self.model, self.output, self.statistics)
+        if state is None:
+            folder = self.output.directory / "checkpoints"
+            raise CaseError("there is no whole checkpoint to resume from", file=folder)
+        return state
+
+    def _march(
+        self, state: State, recorder: Recorder, received: list[int], progress: Progress | None
+    ) -> State:
+        model, schedule = timed(self.model, self.phases), self.schedule
+        rate = self.model.grid.comm.allreduce(
+            diagnostics.local_courant_rate(self.model.grid, state.u), op=MPI.MAX
+        )
+        good, row, cuts, retries, saved = (state, rate), {}, 0, 0, time.perf_counter()
+        while not schedule.finished(state):
+            try:
+                if schedule.measure_every and state.step % schedule.measure_every == 0:
+                    state = self._measured(state)
+                new = fsi.step(model, state, schedule.next_dt(state, rate) * (0.5**cuts))
+                rate, stop, late = self._check(new, received, time.perf_counter() - saved)
+                if self._due(state, new):
+                    row = self._record(recorder, state, new)
+                    good, retries = (new, rate), 0
+            except StabilityError as error:
+                retries += 1
+                state, rate, cuts = self._go_back(error, good, retries)
+                continue
+            state, cuts = new, 0
+            if progress is not None:
+                progress(state.step, state.t, schedule.t_end, row)
+            if stop or late or self._checkpoint_due(state):
+                saved = time.perf_counter()
+                with self._clock("output"):
+                    path = save_state(model, state, self.output, self.statistics)
+                if stop:
+                    raise Stopped(
+                        f"stopped at step {state.step}, t = {state.t:.6g} s; {path} is written, "
+                        "--resume goes on from there",
+                        stop,
+                    )
+        return state
+
+    def _measured(self, state: State) -> State:
+        """Return a state with the largest stable step, for steps about as long as the longest (collective)."""
+        with self._clock("stable step"):
+            return replace(
+                state, dt_stable=stable_step(self.model, state, self.schedule.dt, MEASURED_PRODUCTS)
+            )
+
+    def _due(self, old: State, new: State) -> bool:
+        """Whether the elements are checked: whatever is written has passed."""
+        return self._row_due(new) or self._frame_due(old, new) or self._checkpoint_due(new)
+
+    def _row_due(self, state: State) -> bool:
+        return state.step % self.output.history_every == 0 or self.schedule.finished(state)
+
+    def _frame_due(self, old: State, new: State) -> bool:
+        first, last = (math.floor(self.schedule.share(s) * self.output.frames + 1e-9) for s in (old, new))
+        return first != last
+
+    def _checkpoint_due(self, state: State) -> bool:
+        every = self.output.checkpoint_every
+        return bool(every) and state.step % every == 0 and not self.schedule.finished(state)
+
+    def _record(self, recorder: Recorder, old: State | None, state: State) -> dict[str, float]:
+        """Write a row of the history, and a frame where one is due; check the elements first."""
+        with self._clock("output"):
+            row = recorder.row(state)
+            self._check_elements(row, state)
+            if self._row_due(state):
+                recorder.history.append(row)
+                self.health.look(state)
+                self.statistics.add(state)
+            if old is None or self._frame_due(old, state):
+                recorder.frame(state)
+        return row
+
+    def _check(self, state: State, received: list[int], unsaved: float) -> tuple[float, int, bool]:
+        """Raise where the velocity is out of bounds; look round for signals and the clock.
+
+        Args:
+            state: The new state.
+            received: Signals that this rank has received.
+            unsaved: Wall-clock time since the last checkpoint [s].
+
+        Returns:
+            Largest ``|u| / h`` [1/s], the signal that any rank has received (or 0), whether a checkpoint is due.
+        """
+        every = self.output.checkpoint_wall_s
+        local = diagnostics.local_courant_rate(self.model.grid, state.u)
+        values = np.array([local, received[-1] if received else 0.0, float(0.0 < every < unsaved)])
+        with self._clock("checks"):
+            self.model.grid.comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
+        rate, stop, late = values
+        courant = rate * state.dt
+        if not courant <= self.schedule.cfl_max:
+            speed, place = diagnostics.fastest_place(self.model.grid, state.u)
+            where = f"at {_place(place, self.model.grid.dim)}, t = {state.t:.6g} s (step {state.step})"
+            if not math.isfinite(courant):
+                raise StabilityError(
+                    f"the velocity is not finite {where}; try a smaller time step or a longer ramp"
+                )
+            raise StabilityError(
+                f"the Courant number is {courant:.3g} > {self.schedule.cfl_max:g} {where}, |u| = {speed:.3g} cm/s; "
+                "try a smaller time step"
+            )
+        return rate, int(stop), bool(late)
+
+    def _check_elements(self, row: dict[str, float], state: State) -> None:
+        for solid, chi in zip(self.model.solids, state.chi, strict=True):
+            smallest = row[f"{solid.name}_J_min"]
+            if not smallest > 0.0:
+                where = _place(self._worst_cell(solid, chi), self.model.grid.dim)
+                free = "" if solid.kappa > 0.0 else "; it has no volumetric energy to keep J near 1 (nu_stab)"
+                raise StabilityError(
+                    f"an element of {solid.name} is inverted, J = {smallest:.3g}, near {where}, t = {state.t:.6g} s "
+                    f"(step {state.step}){free}; try a smaller time step, a finer mesh or a larger nu_stab"
+                )
+
+    def _worst_cell(self, solid: object, chi: Array) -> Array:
+        """Centre of the cell with the smallest mean J, on all ranks."""
+        found = solid.cells_on_root(chi)
+        place = None
+        if found is not None:
+            points, cells, J = found
+            nodes = np.concatenate(list(cells.values()))[np.argmin(np.nan_to_num(J, nan=-np.inf))]
+            place = points[nodes].mean(axis=0)
+        return self.model.grid.comm.bcast(place)
+
+    def _go_back(
+        self, error: StabilityError, good: tuple[State, float], retries: int
+    ) -> tuple[State, float, int]:
+        """Return the last good state, its rate and how often to halve the next step; or give up."""
+        state, rate = good
+        if len(self.recoveries) >= self.schedule.max_recoveries:
+            raise self._explained(error, state) from None
+        dt = self.schedule.next_dt(state, rate) * 0.5**retries
+        self.recoveries.append({"t_s": state.t, "step": state.step, "dt_s": dt, "reason": str(error)})
+        return state, rate, retries
+
+    def _explained(self, error: StabilityError, good: State) -> StabilityError:
+        path = save_state(self.model, good, self.output, self.statistics)
+        return StabilityError(f"{error}. The last good state, t = {good.t:.6g} s, is in {path}")
+
+    @contextlib.contextmanager
+    def _clock(self, phase: str) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        self.phases[phase] += time.perf_counter() - started
+
+
+def _place(place: Array, dim: int) -> str:
+    return "(" + ", ".join(f"{x:.4g}" for x in place[:dim]) + ") cm"
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[list[int]]:
+    """Collect SIGTERM and SIGINT in a list instead of letting them end the process."""
+    received: list[int] = []
+    old = {}
+    try:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            old[number] = signal.signal(number, lambda n, _: received.append(n))
+    except ValueError:  # not the main thread: leave signals alone
+        pass
+    try:
+        yield received
+    finally:
+        for number, handler in old.items():
+            signal.signal(number, handler)
+
+
+class Timed:
+    """Stands for an object and adds the time of some of its methods to a table."""
+
+    def __init__(self, inner: object, table: dict[str, float], methods: dict[str, str]) -> None:
+        self._inner = inner
+        for method, phase in methods.items():
+            setattr(self, method, self._wrap(getattr(inner, method), table, phase))
+
+    @staticmethod
+    def _wrap(function: Callable, table: dict[str, float], phase: str) -> Callable:
+        def timed_call(*args: object, **options: object) -> object:
+            started = time.perf_counter()
+            result = function(*args, **options)
+            table[phase] += time.perf_counter() - started
+            return result
+
+        return timed_call
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._inner, name)
+
+
+class TimedCoupling(Timed):
+    """Stands for a coupling; the transfers it makes are timed too."""
+
+    def __init__(self, inner: object, table: dict[str, float]) -> None:
+        super().__init__(inner, table, {})
+        prepare = self._wrap(inner.at, table, "kernel weights")
+        methods = {"spread": "spread", "interpolate": "interpolate"}
+        self.at = lambda chi: Timed(prepare(chi), table, methods)
+
+
+def timed(model: Model, table: dict[str, float]) -> Model:
+    """Return the model with a clock around its parts, so that the step itself needs none.
+
+    Args:
+        model: The model.
+        table: Wall-clock time by phase, added to [s].
+    """
+    return Model(
+        grid=model.grid,
+        fluid=Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"}),
+        solids=tuple(Timed(s, table, {"force": "elastic force"}) for s in model.solids),
+        couplings=tuple(TimedCoupling(c, table) for c in model.couplings),
+        circulation=model.circulation,
+        rigid=model.rigid,
+        transfers=tuple(
+            Timed(t, table, {"spread": "rigid surfaces", "interpolate": "rigid surfaces"})
+            for t in model.transfers
+        ),
+        heavy=model.heavy,
+        seepage=model.seepage,
+    )

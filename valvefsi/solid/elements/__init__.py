@@ -1,0 +1,1 @@
+"""What elements do at a position of their nodes: forces, viscosity, mass, quadrature points."""

@@ -1,0 +1,27 @@
+"""Statics: the deformation under given loads, exactly or nearly incompressible."""
+
+from valvefsi.solid.statics.formulations import EqualOrder, NearlyIncompressible, TaylorHood
+from valvefsi.solid.statics.problem import (
+    TAYLOR_HOOD,
+    LoadStep,
+    SolverOptions,
+    StaticSolution,
+    evaluate_at,
+    solve,
+)
+from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
+
+__all__ = [
+    "TAYLOR_HOOD",
+    "EqualOrder",
+    "Fixed",
+    "LoadStep",
+    "NearlyIncompressible",
+    "SolverOptions",
+    "StaticSolution",
+    "Symmetry",
+    "TaylorHood",
+    "evaluate_at",
+    "rotation",
+    "solve",
+]
