@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from valvefsi.circulation.linear import CircuitState, LinearSystem
-
-Array = np.ndarray
+from valvefsi.types import Array
 
 FLOWS = {"q_ao": 1.0, "q_lv": -1.0}
 """Inputs that are the flow through a side, with their sign for a flow out of the box: downstream leaves the test

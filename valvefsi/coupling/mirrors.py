@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from valvefsi.grid import Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Faces
 
 Side = tuple[int, bool]
 """Axis of a side, and whether it is the upper one."""

@@ -12,7 +12,8 @@ import numpy as np
 
 from valvefsi.coupling import kernels, mirrors
 from valvefsi.errors import StabilityError
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces
 
 
 class Coupling:

@@ -22,7 +22,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array
+
 BLOCK = 2048
 """Entries in a block of upwind fluxes: its scratch and what it reads of q fit the second cache."""
 SHORT = 512

@@ -23,8 +23,7 @@ import scipy.fft
 import scipy.fftpack
 
 from valvefsi.runtime import threads
-
-Array = np.ndarray
+from valvefsi.types import Array
 
 KINDS = (
     "periodic",

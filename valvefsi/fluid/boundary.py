@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from valvefsi.fluid.sides import Disk, FreeSlip, Mixed, Open, Side, Wall
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces
 
 __all__ = ["SIDES", "Boundary", "Disk", "FreeSlip", "Mixed", "Open", "Side", "Wall"]
 

@@ -20,8 +20,7 @@ from valvefsi.fluid.axes import Axis
 from valvefsi.fluid.line_solver import LineSolver
 from valvefsi.fluid.stencils import divide
 from valvefsi.grid import MacGrid
-
-Array = np.ndarray
+from valvefsi.types import Array
 
 
 class TensorSolver:

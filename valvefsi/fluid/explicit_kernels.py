@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numba
-import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array
+
 BLOCK = 4096
 """Entries that are worked on in several passes before the next ones, as in `valvefsi.fluid.stencils`."""
 

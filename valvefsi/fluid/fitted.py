@@ -29,8 +29,8 @@ from dolfinx.mesh import exterior_facet_indices
 from petsc4py import PETSc
 
 from valvefsi.errors import StabilityError
+from valvefsi.types import Array
 
-Array = np.ndarray
 Velocity = Sequence[Callable[[Array], Array] | float | None]
 """Both components, each a number, a function of the points ``(3, n)``, or None where it is free [cm/s]."""
 DEGREE = 6

@@ -7,9 +7,9 @@ is the neighbour below along axis e.
 from __future__ import annotations
 
 import numba
-import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array
+
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 

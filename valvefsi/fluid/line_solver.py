@@ -12,8 +12,8 @@ import numpy as np
 from valvefsi.fluid.axes import Axis
 from valvefsi.fluid.stencils import kernel
 from valvefsi.runtime import threads
+from valvefsi.types import Array
 
-Array = np.ndarray
 WIDTH = 64
 """Lines that are worked on together, side by side in memory."""
 

@@ -16,7 +16,8 @@ from mpi4py import MPI
 
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.direct_solver import TensorSolver
-from valvefsi.grid import Array, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array
 
 
 class SideModes:

@@ -17,7 +17,8 @@ from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.direct_solver import TensorSolver
 from valvefsi.fluid.mixed_side import NormalVelocityCorrection, PressureCorrection
 from valvefsi.fluid.operators import make_operators
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces
 
 
 class NavierStokes:

@@ -12,8 +12,9 @@ import numpy as np
 from valvefsi.fluid import explicit_kernels, graded_kernels, stencils
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
 from valvefsi.runtime import threads
+from valvefsi.types import Array, Faces
 
 
 class UniformOperators:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from valvefsi.grid import Array
+from valvefsi.types import Array
 
 Velocity = Callable[[Array, Array, Array, float], Sequence[Array | float]]
 Pressure = Callable[[Array, Array, Array, float], Array | float]

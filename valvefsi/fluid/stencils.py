@@ -11,9 +11,9 @@ that one formula serves every axis and both dimensions, and the loop over all en
 from __future__ import annotations
 
 import numba
-import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array
+
 BLOCK = 4096
 """Entries that are worked on in several passes before the next ones: what is written stays in the first cache."""
 

@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from mpi4py import MPI
-    from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 COOK = ((0.0, 0.0), (4.8, 4.4), (4.8, 6.0), (0.0, 4.4))
 """Corners of Cook's membrane [cm]."""

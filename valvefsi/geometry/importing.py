@@ -20,7 +20,7 @@ from valvefsi.geometry.mesh import _quiet_gmsh
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 VOLUMES = {"tetra": 4, "hexahedron": 5}
 """Cells of volume meshes by meshio's name, and gmsh's number of their type."""

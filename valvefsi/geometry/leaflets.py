@@ -22,9 +22,7 @@ import numpy as np
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 SAMPLES = 4001
 """Points of a curve that its arc length is taken from."""

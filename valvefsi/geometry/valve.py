@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from valvefsi.geometry.leaflets import ValveGeometry
     from valvefsi.geometry.mesh import SolidMesh
+    from valvefsi.types import Array
 
-    Array = NDArray[np.float64]
     Cells = NDArray[np.int64]
 
 STEP = 1e-5

@@ -15,7 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 from mpi4py import MPI
 
-Array = np.ndarray
+from valvefsi.types import Array
+
 Faces = tuple[Array, ...]
 
 GHOSTS = 4

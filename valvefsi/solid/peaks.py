@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from valvefsi.solid.stress import Stress
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 SHARE = 0.99
 """Part of the reference volume that does not exceed the percentile; the peak of a corner is no measure of a leaflet."""

@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from valvefsi.solid.materials.parameters import Direction
     from valvefsi.solid.statics import StaticSolution
     from valvefsi.solid.structure import Structure
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 QUANTITIES = ("pk1", "pk2", "cauchy", "von_mises", "principal_stretches", "fibre_stretch", "J")
 """What can be asked for."""

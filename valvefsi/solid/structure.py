@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
     from valvefsi.solid.loads import DeadLoad, Ramp, Tether
     from valvefsi.solid.materials import Material
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,12 +17,10 @@ from dolfinx import fem
 from valvefsi.solid.materials.parameters import check_parameters, direction, parameter
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from ufl.core.expr import Expr
 
     from valvefsi.solid.materials.kinematics import Kinematics
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 @dataclass(frozen=True, kw_only=True)

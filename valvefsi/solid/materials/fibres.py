@@ -30,11 +30,8 @@ from valvefsi.solid.newton import Newton
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from valvefsi.solid.materials.parameters import Direction
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 UNIT_TOLERANCE = 1e-6
 """Largest difference of a fibre's length to 1 that the solid accepts."""

@@ -23,14 +23,11 @@ from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from valvefsi.solid.loads import DeadLoad, Pressure, Tether
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics.equilibrium import Problem
     from valvefsi.solid.statics.formulations import Formulation
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 __all__ = [
     "EqualOrder",

@@ -20,7 +20,7 @@ from valvefsi.errors import CaseError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 @dataclass(frozen=True, kw_only=True)
