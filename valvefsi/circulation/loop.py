@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from valvefsi.circulation.linear import CircuitState, LinearSystem
 from valvefsi.types import Array
@@ -104,7 +105,7 @@ class FlowLoop:
             t: Time [s].
             dt: Length of the step [s].
         """
-        new = []
+        new: list[ArrayLike] = []
         for c, (x, _) in zip(self.connections, self.parts(y), strict=True):
             flow = outflow[c.side]
             state = CircuitState(t=t, x=x, u=c.inputs(t, flow))

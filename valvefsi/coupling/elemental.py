@@ -98,6 +98,7 @@ class ElementalTransfer:
         except StabilityError as caught:
             error = caught
         raise_together(coupling.grid.comm, error)
+        assert rule is not None
         self.rule = rule
         self.transfer: Transfer = coupling.inner.at(rule.x)
 

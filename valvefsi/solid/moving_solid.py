@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from valvefsi.solid.loads import DeadLoad, Pressure, Tether
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics.supports import Fixed, Symmetry
-    from valvefsi.types import Array
+    from valvefsi.types import Array, Mesh
 
 HELD = NearlyIncompressible(degree=1, nu_stab=0.4)
 """Linear elements, numerical Poisson ratio 0.4."""
@@ -72,7 +72,7 @@ class MovingSolid:
 
     def __init__(
         self,
-        mesh: object,
+        mesh: Mesh,
         material: Material,
         *,
         density: float,
