@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.coupled_case import block_model, simulation
-from tests.test_stable_step import stays_calm
+from tests.run.test_stable_step import stays_calm
 from valvefsi import fsi
 from valvefsi.case.build import build
 from valvefsi.case.reading import parse_case

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from tests.coupled_case import DT, STEPS, block_model, simulation
 from tests.ordering import assert_order
-from tests.test_simulation import largest_gap, stop_after, whole_state
+from tests.run.test_simulation import largest_gap, stop_after, whole_state
 from valvefsi import fsi
 from valvefsi.case import load_case
 from valvefsi.case.build import build
@@ -182,7 +182,7 @@ KILLED = """
 import os, signal
 from pathlib import Path
 from mpi4py import MPI
-from tests.test_schedule import adaptive
+from tests.run.test_schedule import adaptive
 
 def progress(step, *_):
     if step == 23 and MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1:

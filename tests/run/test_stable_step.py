@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.test_planning import largest_speed_after
+from tests.coupled_case import block_model
+from tests.run.test_planning import largest_speed_after
 from valvefsi.bodies.excess_mass import ExcessMass
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.run.planning import step_limits
 from valvefsi.run.stable_step import _largest_eigenvalue, measured_limit
-
-from .coupled_case import block_model
 
 
 def test_lanczos_finds_the_largest_eigenvalue_of_a_product():

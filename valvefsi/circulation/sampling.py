@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+
+from valvefsi.types import Array, Indices
 
 SAME_STEP = 1e-12
 """Steps that differ by less, relative to the median step, share one matrix exponential."""
@@ -24,17 +25,17 @@ class Steps:
         weights: Weight of each size in each interval, ``(n - 1, k)``; None where ``which`` says it all.
     """
 
-    dt: NDArray
-    which: NDArray
-    weights: NDArray | None = None
+    dt: Array
+    which: Indices
+    weights: Array | None = None
 
-    def spread(self, matrices: NDArray) -> NDArray:
+    def spread(self, matrices: Array) -> Array:
         """Return each interval's matrix (one, where all are alike) from those of the sizes, ``(k, i, j)``."""
         if self.weights is not None:
             return np.tensordot(self.weights, matrices, 1)
         return matrices if len(matrices) == 1 else matrices[self.which]
 
-    def apply(self, matrices: NDArray, vectors: NDArray) -> NDArray:
+    def apply(self, matrices: Array, vectors: Array) -> Array:
         """Return the product of each interval's matrix and vector.
 
         Args:
@@ -61,13 +62,13 @@ class Sampling:
         which: Number of the size of each interval, ``(n - 1,)``.
     """
 
-    t: NDArray
-    sizes: NDArray
-    which: NDArray
+    t: Array
+    sizes: Array
+    which: Indices
     _steps: dict[int, Steps] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, t: NDArray | Sampling) -> Sampling:
+    def of(cls, t: Array | Sampling) -> Sampling:
         """Sort the intervals of times, ``(n,)`` [s]; a sampling is returned as it is.
 
         Raises:

@@ -1,5 +1,6 @@
 """The staggered grid and the grading of its axes."""
 
-from valvefsi.grid.mac import DEPTH, GHOSTS, UNIFORM, Array, Faces, MacGrid
+from valvefsi.grid.mac import DEPTH, GHOSTS, UNIFORM, MacGrid
+from valvefsi.types import Array, Faces
 
 __all__ = ["DEPTH", "GHOSTS", "UNIFORM", "Array", "Faces", "MacGrid"]

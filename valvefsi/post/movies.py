@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
 from valvefsi.io.grid_files import GridFields, nearest_time, read_grid, times_of
 from valvefsi.io.solid_body import Body, read_body
 from valvefsi.post.plots.slice import Plane, cut, draw_slice, outline, scale_of
+from valvefsi.types import Array
 
 SERIES = {"mean": "averages", "turbulence": "averages"}
 """Series of the fields whose names begin so; the others are in that of the fluid."""
@@ -31,7 +31,7 @@ def draw_plane(
     plane: Plane | None,
     field: str,
     t: float | None = None,
-    lines: Sequence[NDArray] = (),
+    lines: Sequence[Array] = (),
 ) -> Path:
     """Draw one time of a field of a run in a plane, with its solids.
 

@@ -25,7 +25,6 @@ from dataclasses import asdict, dataclass, field, fields
 
 import numpy as np
 
-from valvefsi.grid import Array
 from valvefsi.post.diagnostics.speeds import reynolds_number
 from valvefsi.post.valve_record import (
     ValveRecord,
@@ -37,6 +36,7 @@ from valvefsi.post.valve_record import (
     integral_of_square,
     part_of,
 )
+from valvefsi.types import Array
 from valvefsi.units import LITRE_PER_MINUTE, MMHG
 
 CLOSING_WINDOW = 0.1

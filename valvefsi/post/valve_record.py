@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from valvefsi.grid import Array
+from valvefsi.types import Array
 
 LARGEST_GAP = 0.05
 """Longest time between two samples, as a part of the cycle."""

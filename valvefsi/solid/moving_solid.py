@@ -21,14 +21,10 @@ from valvefsi.solid.statics.supports import Prescribed
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from valvefsi.solid.loads import DeadLoad, Pressure, Tether
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics.supports import Fixed, Symmetry
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 HELD = NearlyIncompressible(degree=1, nu_stab=0.4)
 """Linear elements, numerical Poisson ratio 0.4."""
@@ -76,7 +72,7 @@ class MovingSolid:
 
     def __init__(
         self,
-        mesh: object,
+        mesh: Mesh,
         material: Material,
         *,
         density: float,

@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from valvefsi.solid.materials.parameters import Direction
     from valvefsi.solid.statics import StaticSolution
     from valvefsi.solid.structure import Structure
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 QUANTITIES = ("pk1", "pk2", "cauchy", "von_mises", "principal_stretches", "fibre_stretch", "J")
 """What can be asked for."""
@@ -252,7 +251,7 @@ def _von_mises(sigma: Array) -> Array:
 class _Projection:
     """L2 projection of values at quadrature points to functions of first degree."""
 
-    def __init__(self, mesh: object, points: Array, weights: Array, degree: int) -> None:
+    def __init__(self, mesh: Mesh, points: Array, weights: Array, degree: int) -> None:
         self.mesh, self.space = mesh, fem.functionspace(mesh, ("Lagrange", 1))
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         form = compat.compile_form(u * v * ufl.dx(domain=mesh, degree=degree))

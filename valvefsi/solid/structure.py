@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
     from valvefsi.solid.loads import DeadLoad, Ramp, Tether
     from valvefsi.solid.materials import Material
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +144,7 @@ class Structure:
 
     def __init__(
         self,
-        mesh: object,
+        mesh: Mesh,
         material: Material,
         *,
         name: str = "solid",

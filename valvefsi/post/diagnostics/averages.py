@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
 from valvefsi.post.diagnostics.speeds import cell_velocity
+from valvefsi.types import Array, Faces
 
 
 class Averages:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces
 
 Slices = tuple[slice, slice, slice]
 

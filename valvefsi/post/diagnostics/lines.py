@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces
 
 
 def line(start: Sequence[float], end: Sequence[float], points: int) -> Array:

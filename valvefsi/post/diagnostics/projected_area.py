@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from valvefsi.grid import Array
+from valvefsi.types import Array
 
 DIRECTIONS = (0.3127, 0.3127 + 1.9416)
 """Angles of the two families of scan lines [rad], no multiple of a mesh's likely symmetries."""

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from valvefsi.types import Array
 
 SPAN = (1.0, 5.0)
 """Stretch of the channel that is drawn [cm]."""
@@ -21,7 +21,7 @@ SPAN = (1.0, 5.0)
 
 def tips(
     path: Path,
-    history: Mapping[str, NDArray],
+    history: Mapping[str, Array],
     known: Mapping[str, tuple[float, tuple[float, float]]],
     title: str = "",
 ) -> Path:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
+from valvefsi.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,12 +32,12 @@ class CircuitPicture:
         caption: Second line under it.
     """
 
-    t: NDArray
-    data: NDArray
-    curve: NDArray
-    band: NDArray | None = None
+    t: Array
+    data: Array
+    curve: Array
+    band: Array | None = None
     output: str
-    inputs: Mapping[str, NDArray] = field(default_factory=dict)
+    inputs: Mapping[str, Array] = field(default_factory=dict)
     title: str = ""
     caption: str = ""
 

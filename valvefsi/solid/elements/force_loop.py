@@ -18,11 +18,8 @@ from valvefsi.solid.materials.fibres import at_midpoints
 from valvefsi.solid.materials.kinematics import Kinematics
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from valvefsi.solid.structure import Structure
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 class HgoLoop:

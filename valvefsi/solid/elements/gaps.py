@@ -12,9 +12,8 @@ from mpi4py import MPI
 
 if TYPE_CHECKING:
     from dolfinx import fem
-    from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 class Gaps:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
@@ -17,12 +15,12 @@ from valvefsi.errors import CaseError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from valvefsi.types import Array, Mesh
 
 
 def lumped_weights(
-    space: fem.FunctionSpace, mesh: object, names: Sequence[str] | None, *, positive: bool = True
-) -> tuple[NDArray[np.float64], float]:
+    space: fem.FunctionSpace, mesh: Mesh, names: Sequence[str] | None, *, positive: bool = True
+) -> tuple[Array, float]:
     """Integrate the shape functions over tagged facets or cells.
 
     Degree 1, or ``positive`` off: w_k = integral phi_k, consistent with a constant traction. Degree 2: the
@@ -64,7 +62,7 @@ def surface_area(space: fem.FunctionSpace) -> float:
     return float(space.mesh.comm.allreduce(_row_sums(space, ds).sum()))
 
 
-def _measure(space: fem.FunctionSpace, mesh: object, names: Sequence[str] | None) -> ufl.Measure:
+def _measure(space: fem.FunctionSpace, mesh: Mesh, names: Sequence[str] | None) -> ufl.Measure:
     """Return the UFL measure of the tagged facets or cells."""
     degree = 2 * space.ufl_element().degree
     if names is None:
@@ -83,7 +81,7 @@ def _measure(space: fem.FunctionSpace, mesh: object, names: Sequence[str] | None
     return measure(tuple(tags))
 
 
-def _row_sums(space: fem.FunctionSpace, dm: ufl.Measure) -> NDArray[np.float64]:
+def _row_sums(space: fem.FunctionSpace, dm: ufl.Measure) -> Array:
     """Assemble integral phi_k of the owned nodes, from the first component of the vector space."""
     form = compat.compile_form(ufl.TestFunction(space)[0] * dm)
     vector = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
@@ -93,7 +91,7 @@ def _row_sums(space: fem.FunctionSpace, dm: ufl.Measure) -> NDArray[np.float64]:
     return _first_component(vector.array, space)
 
 
-def _mass_diagonal(space: fem.FunctionSpace, dm: ufl.Measure) -> NDArray[np.float64]:
+def _mass_diagonal(space: fem.FunctionSpace, dm: ufl.Measure) -> Array:
     """Assemble the diagonal of the mass matrix, integral phi_k^2, of the owned nodes."""
     form = compat.compile_form(ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * dm)
     matrix = fem.assemble_matrix(form)
@@ -101,7 +99,7 @@ def _mass_diagonal(space: fem.FunctionSpace, dm: ufl.Measure) -> NDArray[np.floa
     return _first_component(matrix.to_scipy().diagonal(), space)
 
 
-def _first_component(array: NDArray[np.float64], space: fem.FunctionSpace) -> NDArray[np.float64]:
+def _first_component(array: Array, space: fem.FunctionSpace) -> Array:
     """Take the first component of the owned nodes."""
     dim = space.dofmap.index_map_bs
     return array[: space.dofmap.index_map.size_local * dim : dim].copy()

@@ -21,7 +21,7 @@ from valvefsi.solid.elements import mass_kernels
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 TOLERANCE = 1e-13
 """Relative error in the L2 norm of the body, as the residual in the norm of the preconditioner estimates it."""

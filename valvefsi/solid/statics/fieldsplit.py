@@ -13,6 +13,7 @@ from valvefsi.runtime import dolfinx_compat as compat
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from valvefsi.solid.newton import weak
@@ -71,7 +72,7 @@ class BlockNewton:
         self.linear_iterations: list[int] = []
         self._make_solver(comm, relative_tolerance)
 
-    def _make_solver(self, comm: object, relative_tolerance: float) -> None:
+    def _make_solver(self, comm: MPI.Comm, relative_tolerance: float) -> None:
         """Set up SNES, FGMRES and the block preconditioner."""
         prefix = f"valvefsi_fieldsplit_{next(NUMBERS)}_"
         self._snes = PETSc.SNES().create(comm)

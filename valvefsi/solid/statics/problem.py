@@ -23,14 +23,11 @@ from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from valvefsi.solid.loads import DeadLoad, Pressure, Tether
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics.equilibrium import Problem
     from valvefsi.solid.statics.formulations import Formulation
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 __all__ = [
     "EqualOrder",
@@ -144,7 +141,7 @@ class StaticSolution:
 
 
 def solve(
-    mesh: object,
+    mesh: Mesh,
     material: Material,
     *,
     fixed: Sequence[Fixed | Symmetry],
@@ -210,7 +207,7 @@ def solve(
     return solution()
 
 
-def _project(value: object, mesh: object) -> fem.Function:
+def _project(value: object, mesh: Mesh) -> fem.Function:
     """Project a scalar onto continuous functions of degree 1 (collective)."""
     space = fem.functionspace(mesh.mesh, ("Lagrange", 1))
     projected = fem.Function(space)

@@ -20,7 +20,7 @@ from valvefsi.errors import CaseError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +94,7 @@ def rotation(
     return displacement
 
 
-def facet_tags(mesh: object, names: Sequence[str]) -> list[int]:
+def facet_tags(mesh: Mesh, names: Sequence[str]) -> list[int]:
     """Return the numbers of facet tags; refuse tags of cells and tags that no facet carries (collective)."""
     tags = [mesh.tag(name) for name in names]
     if any(dim != mesh.mesh.topology.dim - 1 for dim, _ in tags):
@@ -105,7 +105,7 @@ def facet_tags(mesh: object, names: Sequence[str]) -> list[int]:
     return [tag for _, tag in tags]
 
 
-def facets_of(mesh: object, names: Sequence[str]) -> NDArray[np.int32]:
+def facets_of(mesh: Mesh, names: Sequence[str]) -> NDArray[np.int32]:
     """Return this rank's facets with any of the tags; refuse tags that no facet carries (collective)."""
     return np.concatenate([mesh.facet_tags.find(tag) for tag in facet_tags(mesh, names)])
 
@@ -122,13 +122,13 @@ class Prescribed:
         Collective.
     """
 
-    def __init__(self, mesh: object, space: fem.FunctionSpace, supports: Sequence[Fixed]) -> None:
+    def __init__(self, mesh: Mesh, space: fem.FunctionSpace, supports: Sequence[Fixed]) -> None:
         self._values: list[tuple[Callable[[Array, float], Array] | None, int, fem.Function]] = []
         self.conditions: list[fem.DirichletBC] = []
         for support in supports:
             self._fix(mesh, space, support)
 
-    def _fix(self, mesh: object, space: fem.FunctionSpace, support: Fixed) -> None:
+    def _fix(self, mesh: Mesh, space: fem.FunctionSpace, support: Fixed) -> None:
         """Make the conditions of one support, one for each component."""
         domain = mesh.mesh
         facet_dim = domain.topology.dim - 1
@@ -151,7 +151,7 @@ class Prescribed:
                 value.interpolate(lambda x, f=function, i=axis: np.asarray(f(x.T, s))[:, i])
 
 
-def plane_normal(mesh: object, names: Sequence[str]) -> Array:
+def plane_normal(mesh: Mesh, names: Sequence[str]) -> Array:
     """Return the outer unit normal ``(3,)`` of flat facets; refuse facets that do not lie in one plane (collective)."""
     dim, domain = mesh.dim, mesh.mesh
     N = ufl.FacetNormal(domain)
