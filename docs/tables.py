@@ -29,7 +29,7 @@ BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+)(?P<options>[^>]*?) -->\n).*?(
 SUMMARY = (
     ("E.1, compressed block: incompressible statics", "statics", r"E\.1", r"^u_y"),
     ("E.1 immersed, 128 x 128 cells", "compression-grids", "64 x 32, 128 x 128", "^u_y"),
-    ("E.2, torsion of a column by 2.5 pi: statics", "statics", r"E\.2", r"2\.5 pi"),
+    ("E.2, torsion of a column by 2.5 pi: statics", "statics", r"E\.2", "^u_y, 1 of"),
     ("FSI3, flag behind a cylinder: u_y, amplitude", "turek-fsi3", "12 cells", "^u_y.*amplitude"),
     ("the same, frequency", "turek-fsi3", "12 cells", "^u_y, freq"),
     ("FSI2, density ratio 10: u_y, amplitude", "turek-fsi2", "8 cells", "^u_y.*amplitude"),
@@ -126,6 +126,14 @@ LAYOUTS: dict[str, Callable[[Sequence[Mapping[str, Any]]], str]] = {
 }
 
 
+ORIGINS = {
+    "run": "run at",
+    "stored": "stored, published with",
+    "checked": "checked outside the test suite at",
+}
+"""What is said of each kind of result before its commit."""
+
+
 def summary(results: Path = RESULTS) -> str:
     """Return the table of the README."""
     lines = []
@@ -145,14 +153,13 @@ def summary(results: Path = RESULTS) -> str:
 
 def origin(result: Mapping[str, Any]) -> str:
     """Return where the numbers come from: commands, date, ranks, version, commit."""
-    commands = "; ".join(f"`{run['command']}`" for run in result["runs"])
+    commands = "".join(f" `{run['command']}`." for run in result["runs"])
     ranks = "one rank" if result["ranks"] == 1 else f"{result['ranks']} ranks"
     cores = f" of {result['cores']} cores" if result.get("cores") else ""
-    kind = "stored, published with" if result["origin"] == "stored" else "run at"
     scheme = f" {result['scheme']}." if result.get("scheme") else ""
     return (
-        f"{result['title']}.{scheme} {commands}. "
-        f"{result['date']}, {ranks}{cores}, version {result['version']}; {kind} commit {result['commit']}."
+        f"*{result['title']}.*{scheme}{commands} {result['date']}, {ranks}{cores}, version {result['version']}; "
+        f"{ORIGINS[result['origin']]} commit {result['commit']}."
     )
 
 
