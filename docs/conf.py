@@ -15,7 +15,7 @@ from valvefsi.runtime import dolfinx_compat  # noqa: E402, F401  (before any mod
 generate.everything(HERE / "generated")
 
 project = "valvefsi"
-author = "the valvefsi authors"
+author = "the valvefsi developers"
 release = version = valvefsi.__version__
 extensions = [
     "myst_parser",

@@ -33,6 +33,7 @@ SUMMARY = (
     ("FSI3, flag behind a cylinder: u_y, amplitude", "turek-fsi3", "12 cells", "^u_y.*amplitude"),
     ("the same, frequency", "turek-fsi3", "12 cells", "^u_y, freq"),
     ("FSI2, density ratio 10: u_y, amplitude", "turek-fsi2", "8 cells", "^u_y.*amplitude"),
+    ("FSI1, steady: u_y of the tip, a third of h", "turek-fsi1", "8 cells", "^u_y"),
     ("two leaflets in a channel: u_x of a tip", "valve-2d", "92", "^u_x"),
     ("cylinder, Re 100: drag coefficient", "cylinder", "Re 100, 48", "drag"),
     ("Taylor-Green, Re 1600: largest loss of energy", "taylor-green-stored", "192", "largest"),
@@ -147,8 +148,8 @@ def summary(results: Path = RESULTS) -> str:
         if not fitting:
             raise SystemExit(f"summary: {name} has no {quantity} of {case}")
         row = fitting[0]
-        lines.append([label, with_unit(row["computed"], row), reference(row), row.get("source", "")])
-    return markdown(["what", "computed", "reference", "source"], lines)
+        lines.append([label, with_unit(row["computed"], row), reference(row), difference(row), row["source"]])
+    return markdown(["what", "computed", "reference", "difference", "source"], lines)
 
 
 def origin(result: Mapping[str, Any]) -> str:
