@@ -12,13 +12,9 @@ from typing import Any, get_args
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
-PACKAGES = {
+TITLES = {
     "fsi": "The coupled step",
     "bodies": "Immersed bodies",
-    "grid": "Grid",
-    "fluid": "Fluid",
-    "solid": "Solid",
-    "coupling": "Coupling",
     "circulation": "Circuits",
     "geometry": "Meshes",
     "run": "Runs",
@@ -26,11 +22,11 @@ PACKAGES = {
     "io": "Files",
     "case": "Case files",
     "fitting": "Fits",
-    "verification": "Verification",
-    "benchmarks": "Benchmarks",
     "runtime": "Threads, memory, compiled loops",
+    "types": "Types and protocols",
 }
-"""Parts of the package with a page of their own: name and heading."""
+"""Headings of the parts of the package; the others have their name."""
+HIDDEN = ("__init__", "__main__", "cli")
 
 
 def everything(folder: Path) -> None:
@@ -38,7 +34,7 @@ def everything(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     pages = {"case_keys.md": case_keys(), "commands.md": commands()}
     pages |= {f"tutorials/{path.stem}.md": tutorial(path) for path in sorted((ROOT / "demos").glob("*.py"))}
-    pages |= {f"api/{name}.rst": modules(name, title) for name, title in PACKAGES.items() if exists(name)}
+    pages |= {f"api/{name}.rst": modules(name) for name in parts_of_the_package()}
     for name, text in pages.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
@@ -225,13 +221,18 @@ def leaves(command: Any, name: str) -> Iterator[tuple[str, Any]]:
 # Modules
 
 
-def exists(name: str) -> bool:
-    """Return whether the package has this part."""
-    return any((ROOT / "valvefsi" / file).exists() for file in (name, f"{name}.py"))
+def parts_of_the_package() -> list[str]:
+    """Return the packages and modules right below ``valvefsi`` that have a page."""
+    folder = ROOT / "valvefsi"
+    names = [path.stem for path in folder.glob("*.py")] + [
+        path.parent.name for path in folder.glob("*/__init__.py")
+    ]
+    return sorted(name for name in names if name not in HIDDEN)
 
 
-def modules(name: str, title: str) -> str:
+def modules(name: str) -> str:
     """Return the page of one part of the package: all of its modules that are not private."""
+    title = TITLES.get(name, name.capitalize())
     found = [f"valvefsi.{name}"]
     folder = ROOT / "valvefsi" / name
     if folder.is_dir():
