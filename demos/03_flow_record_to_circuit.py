@@ -45,7 +45,7 @@ fit = json.loads((OUT / "fit" / "fit.json").read_text())["parameters"]
 # ## A tube that ends in the circuit
 #
 # A square tube of 2 x 2 cm with walls that slip: the flow is uniform, so the flow through the outlet is the record's.
-# The side `x_upper` is open, and the circuit gives its pressure. `circuit.toml` is what the fit wrote.
+# The side `x_upper` is open, and the circuit sets its pressure. `circuit.toml` is what the fit wrote.
 
 # %% The inflow as a table, the case as a file
 with RECORD.open() as file:

@@ -187,7 +187,8 @@ def difference(row: Mapping[str, Any]) -> str:
     computed, known = row["computed"], row.get("reference")
     if not isinstance(computed, int | float) or not isinstance(known, int | float) or known == 0:
         return ""
-    return f"{100 * (computed - known) / abs(known):+.2f} %"
+    percent = 100 * (computed - known) / abs(known)
+    return f"{percent:+.2f} %" if abs(percent) < 100 else f"{percent:+.0f} %"
 
 
 def number(value: object) -> str:
