@@ -29,8 +29,10 @@ from valvefsi.fsi import Model
 from valvefsi.geometry import mesh as meshes
 from valvefsi.geometry import shapes
 from valvefsi.grid import MacGrid
+from valvefsi.io.history import read_history
 from valvefsi.post.diagnostics import Section
 from valvefsi.post.diagnostics.control_volume import ControlVolume
+from valvefsi.run.energy import balance
 from valvefsi.run.forces import ForceOutput
 from valvefsi.run.planning import plan
 from valvefsi.run.recording import Output, Probe
@@ -135,6 +137,9 @@ def run_case(
     last = simulation.pictures(outcome.state, title=case.title)
     result = {"last": last, "timing": outcome.timing(simulation.model.grid)}
     if comm.rank == 0:
+        if case.output.energy:
+            history = read_history(Path(out) / "history.csv")
+            result["energy"] = balance(history, history["t_s"][0], history["t_s"][-1])
         result |= report_valve(case, Path(out))
         (Path(out) / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
     return result
@@ -281,6 +286,7 @@ def _output(case: Case, out: Path, grid: MacGrid) -> Output:
         keep_checkpoints=case.output.keep_checkpoints,
         probes=probes,
         forces=_forces(case, grid),
+        energy=case.output.energy,
         orifice=find_orifice(case),
         averages_from=case.output.averages_from,
         lines={

@@ -108,9 +108,9 @@ class Simulation:
         """
         keep_freed_memory()
         state = self._first_state(resume)
-        recorder = Recorder(
-            self.model, self.output, self.memory.statistics, self.memory.forces, state if resume else None
-        )
+        memory, before = self.memory, state if resume else None
+        meters = (memory.forces, memory.energy)
+        recorder = Recorder(self.model, self.output, memory.statistics, meters, before)
         if not resume:
             self._record(recorder, None, state)
         started, first = time.perf_counter(), state.step
