@@ -110,13 +110,14 @@ def _draw_energy(path: Path, history: Mapping[str, list[float]], title: str) -> 
 
     terms = {n.removeprefix("energy_").removesuffix("_erg"): n for n in history if n.startswith("energy_")}
     bodies = {name: n for name, n in terms.items() if name.startswith(("stored_", "lost_"))}
-    fluid = {name: n for name, n in terms.items() if name not in bodies}
+    left = {name: terms[name] for name in ("residual",)}
+    fluid = {name: n for name, n in terms.items() if name not in bodies and name not in left}
     panels = [
         plots.Series(
             label=f"{what} [mJ]",
             lines={name.replace("_", " ", 1): [1e-4 * v for v in history[n]] for name, n in group.items()},
         )
-        for what, group in (("fluid", fluid), ("bodies", bodies))
+        for what, group in (("fluid", fluid), ("bodies", bodies), ("left", left))
         if group
     ]
     plots.histories(path, history["t_s"], panels, title=title)
