@@ -297,8 +297,8 @@ class Structure:
         """Gather the deformed mesh for pictures.
 
         Returns:
-            On rank 0 the positions ``(num_nodes, 3)`` by node number, ``{VTK cell type: node numbers
-            (num_cells, k)}`` with the nodes in VTK's order, and the mean J of each cell; None on other ranks.
+            On rank 0 the positions ``(num_nodes, 3)`` by node number, node numbers ``(num_cells, k)`` by VTK cell
+            type with the nodes in VTK's order, and the mean J of each cell; None on other ranks.
             The order of the cells does not depend on the number of ranks.
 
         Note:
