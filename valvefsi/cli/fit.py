@@ -16,7 +16,7 @@ from valvefsi.cli.tables import WIDE, print_fit
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
-    from valvefsi.fitting.biaxial_results import BiaxialFit
+    from valvefsi.fitting.biaxial import BiaxialFit
 
 fit = typer.Typer(help="Fit a leaflet's material or a flow loop's circuit to measurements.", **HELP)
 fit.command("windkessel")(windkessel)

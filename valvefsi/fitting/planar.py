@@ -19,9 +19,9 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from valvefsi.fitting.least_squares import Parameter
+from valvefsi.fitting.problem import Parameter
+from valvefsi.types import Array
 
 DEGREE = np.pi / 180
 
@@ -34,50 +34,50 @@ class PlanarState:
         C11, C22, C12: Right Cauchy-Green tensor, ``(n,)``.
     """
 
-    C11: NDArray
-    C22: NDArray
-    C12: NDArray
+    C11: Array
+    C22: Array
+    C12: Array
 
     @classmethod
-    def of(cls, F: NDArray) -> PlanarState:
+    def of(cls, F: Array) -> PlanarState:
         """Return the state of in-plane deformation gradients, ``(n, 2, 2)``."""
         C = np.einsum("nki,nkj->nij", F, F)
         return cls(C11=C[:, 0, 0], C22=C[:, 1, 1], C12=C[:, 0, 1])
 
     @cached_property
-    def C33(self) -> NDArray:
+    def C33(self) -> Array:
         """Square of the stretch out of the plane, 1/det C."""
         return 1 / (self.C11 * self.C22 - self.C12**2)
 
     @cached_property
-    def I1(self) -> NDArray:
+    def I1(self) -> Array:
         """First invariant."""
         return self.C11 + self.C22 + self.C33
 
     @cached_property
-    def pressure_part(self) -> NDArray:
+    def pressure_part(self) -> Array:
         """C33 C^-1 in the plane, components 11, 22, 12."""
         return self.C33**2 * np.array([self.C22, self.C11, -self.C12])
 
     @cached_property
-    def A(self) -> NDArray:
+    def A(self) -> Array:
         """Direction of the stress of W1, ``(3, n)``."""
         return _IDENTITY[:, None] - self.pressure_part
 
     @cached_property
-    def B(self) -> NDArray:
+    def B(self) -> Array:
         """Direction of the stress of W2, ``(3, n)``."""
         C = np.array([self.C11, self.C22, self.C12])
         return self.I1 * _IDENTITY[:, None] - C - (self.I1 - self.C33) * self.pressure_part
 
-    def along(self, angle: float) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    def along(self, angle: float) -> tuple[Array, Array, Array, Array]:
         """Return I4 and a (x) a of a direction at ``angle`` [deg], and their derivatives by the angle."""
         c, s = np.cos(angle * DEGREE), np.sin(angle * DEGREE)
         M = np.array([c * c, s * s, c * s])
         turned = np.array([-2 * c * s, 2 * c * s, c * c - s * s]) * DEGREE
         return self._double(M), M[:, None], self._double(turned), turned[:, None]
 
-    def _double(self, M: NDArray) -> NDArray:
+    def _double(self, M: Array) -> Array:
         """Return C : M."""
         return self.C11 * M[0] + self.C22 * M[1] + 2 * self.C12 * M[2]
 
@@ -140,10 +140,10 @@ class PlanarMaterial(Protocol):
     def parameters(self, extent: Extent) -> tuple[Parameter, ...]:
         """Return its parameters."""
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
+    def stress(self, v: Array, state: PlanarState) -> Array:
         """Return S, components 11, 22, 12, ``(3, n)`` [kPa]."""
 
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
+    def gradient(self, v: Array, state: PlanarState) -> Array:
         """Return dS/dv, ``(parameters, 3, n)``."""
 
     def entries(self, v: Mapping[str, float]) -> dict[str, object]:
@@ -167,11 +167,11 @@ class NeoHookean:
         """Return c1."""
         return (extent.modulus("c1", 1e-2, 10),)
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
+    def stress(self, v: Array, state: PlanarState) -> Array:
         """Return S [kPa]."""
         return v[0] * state.A
 
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
+    def gradient(self, v: Array, state: PlanarState) -> Array:
         """Return dS/dv."""
         return state.A[None]
 
@@ -197,11 +197,11 @@ class MooneyRivlin:
         )
         return one, two
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
+    def stress(self, v: Array, state: PlanarState) -> Array:
         """Return S [kPa]."""
         return 2 * v[0] * state.A + 2 * v[1] * state.B
 
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
+    def gradient(self, v: Array, state: PlanarState) -> Array:
         """Return dS/dv."""
         return 2 * np.array([state.A, state.B])
 
@@ -221,12 +221,12 @@ class LeeSacks:
         moduli = (extent.modulus("c0"), extent.modulus("c1"))
         return (*moduli, extent.exponent("c2", extent.I1**2, extent.I1**2))
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
+    def stress(self, v: Array, state: PlanarState) -> Array:
         """Return S [kPa]."""
         X = state.I1 - 3
         return (v[0] + 2 * v[1] * v[2] * X * np.exp(v[2] * X**2)) * state.A
 
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
+    def gradient(self, v: Array, state: PlanarState) -> Array:
         """Return dS/dv."""
         X = state.I1 - 3
         e = 2 * X * np.exp(v[2] * X**2)
@@ -250,7 +250,7 @@ class MayNewmanYin:
         exponents = (extent.exponent("c1", extent.I1**2, extent.I1**2), extent.exponent("c2", *ends))
         return (extent.modulus("c0"), *exponents, angle_parameter(self.angle))
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
+    def stress(self, v: Array, state: PlanarState) -> Array:
         """Return S [kPa]."""
         c0, c1, c2, angle = v
         I4, M, _, _ = state.along(angle)
@@ -258,7 +258,7 @@ class MayNewmanYin:
         e = 4 * c0 * np.exp(c1 * X**2 + c2 * (root - 1) ** 4)
         return e * (c1 * X * state.A + c2 * (root - 1) ** 3 / root * M)
 
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
+    def gradient(self, v: Array, state: PlanarState) -> Array:
         """Return dS/dv."""
         c0, c1, c2, angle = v
         I4, M, I4_turned, M_turned = state.along(angle)
@@ -303,15 +303,15 @@ class Fung:
         ]
         return (*found, extent.exponent("a4", small, large)) if self.shear else tuple(found)
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
+    def stress(self, v: Array, state: PlanarState) -> Array:
         """Return S [kPa]."""
         return self._all(v, state)[0]
 
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
+    def gradient(self, v: Array, state: PlanarState) -> Array:
         """Return dS/dv."""
         return self._all(v, state)[1]
 
-    def _all(self, v: NDArray, state: PlanarState) -> tuple[NDArray, NDArray]:
+    def _all(self, v: Array, state: PlanarState) -> tuple[Array, Array]:
         c, a1, a2, r3, angle = v[:5]
         mean = np.sqrt(a1 * a2)
         a3, a4 = r3 * mean, (v[5] if self.shear else a1 + a2 - 2 * r3 * mean)
@@ -347,7 +347,7 @@ class Fung:
         return {"c": v["c"], "a1": v["a1"], "a2": v["a2"], "a3": a3, "a4": a4} | axes
 
 
-def _turned_strain(state: PlanarState, angle: float) -> tuple[NDArray, NDArray, NDArray]:
+def _turned_strain(state: PlanarState, angle: float) -> tuple[Array, Array, Array]:
     """Return the Green strain in axes turned by ``angle`` [deg]."""
     c, s = np.cos(angle * DEGREE), np.sin(angle * DEGREE)
     E11, E22, E12 = (state.C11 - 1) / 2, (state.C22 - 1) / 2, state.C12 / 2
@@ -356,9 +356,7 @@ def _turned_strain(state: PlanarState, angle: float) -> tuple[NDArray, NDArray, 
     return one, two, c * s * (E22 - E11) + (c * c - s * s) * E12
 
 
-def _by_angle(
-    a: tuple[float, float, float, float], E: tuple[NDArray, NDArray, NDArray], T: NDArray
-) -> NDArray:
+def _by_angle(a: tuple[float, float, float, float], E: tuple[Array, Array, Array], T: Array) -> Array:
     """Return exp(-Q) d (exp(Q) T)/d angle [1/rad] in the turned axes."""
     a1, a2, a3, a4 = a
     dE1, dE2, dE12 = 2 * E[2], -2 * E[2], E[1] - E[0]
@@ -366,14 +364,14 @@ def _by_angle(
     return np.array([a1 * dE1 + a3 * dE2, a2 * dE2 + a3 * dE1, a4 * dE12 / 2]) + dQ * T
 
 
-def _turned_back(T: NDArray, angle: float) -> NDArray:
+def _turned_back(T: Array, angle: float) -> Array:
     """Return components 11, 22, 12 in the axes of the specimen."""
     c, s = np.cos(angle * DEGREE), np.sin(angle * DEGREE)
     one, two = c * c * T[0] - 2 * c * s * T[2] + s * s * T[1], s * s * T[0] + 2 * c * s * T[2] + c * c * T[1]
     return np.array([one, two, c * s * (T[0] - T[1]) + (c * c - s * s) * T[2]])
 
 
-def _turned_back_slope(T: NDArray, angle: float) -> NDArray:
+def _turned_back_slope(T: Array, angle: float) -> Array:
     """Return the derivative of `_turned_back` by the angle at fixed T [1/rad]."""
     c, s = np.cos(2 * angle * DEGREE), np.sin(2 * angle * DEGREE)
     half = s * (T[1] - T[0]) - 2 * c * T[2]

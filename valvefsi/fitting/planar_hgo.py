@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from valvefsi.fitting.least_squares import Parameter
 from valvefsi.fitting.planar import Extent, PlanarState, angle_parameter
+from valvefsi.fitting.problem import Parameter
+from valvefsi.types import Array
 
 KINDS = ("1", "2", "2-kappas", "symmetric")
 TWO = ("2", "2-kappas")
@@ -49,7 +49,7 @@ class HGO:
             found.append(_dispersion("kappa_2"))
         return tuple(found)
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
+    def stress(self, v: Array, state: PlanarState) -> Array:
         """Return S, components 11, 22, 12, ``(3, n)`` [kPa]."""
         c10, c01, _, angle = v[:4]
         S = 2 * c10 * c01 * np.exp(c01 * (state.I1 - 3)) * state.A
@@ -57,7 +57,7 @@ class HGO:
             S = S + _Family(state, v[at_kappa], sign * angle + shift, k1, k2).stress
         return S
 
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
+    def gradient(self, v: Array, state: PlanarState) -> Array:
         """Return dS/dv, ``(parameters, 3, n)``."""
         c10, c01, _, angle = v[:4]
         X = state.I1 - 3
@@ -72,7 +72,7 @@ class HGO:
             found[at + 1] += family.by_k2
         return found
 
-    def _each(self, v: NDArray) -> list[tuple]:
+    def _each(self, v: Array) -> list[tuple]:
         """Return k1, k2, sign and shift of the angle, and the positions of k1 and kappa, of each family."""
         if self.families in TWO:
             second = 8 if self.families == "2-kappas" else 2
@@ -121,28 +121,28 @@ class _Family:
         self.E_by_kappa = X - 3 * stretch
 
     @property
-    def stress(self) -> NDArray:
+    def stress(self) -> Array:
         return self.k1 * self.by_k1
 
     @property
-    def by_k1(self) -> NDArray:
+    def by_k1(self) -> Array:
         return self.E * self.e * self.D
 
     @property
-    def by_k2(self) -> NDArray:
+    def by_k2(self) -> Array:
         return self.k1 * self.E**3 * self.e * self.D
 
     @property
-    def by_kappa(self) -> NDArray:
+    def by_kappa(self) -> Array:
         change = self.A - 3 * self.fibre
         return self.k1 * self.e * (self._growth * self.E_by_kappa * self.D + self.E * change)
 
     @property
-    def by_angle(self) -> NDArray:
+    def by_angle(self) -> Array:
         change = (1 - 3 * self.kappa) * self.fibre_turned
         return self.k1 * self.e * (self._growth * self.E_turned * self.D + self.E * change)
 
     @property
-    def _growth(self) -> NDArray:
+    def _growth(self) -> Array:
         """Return 1 + 2 k2 E^2, so that dg/dE = k1 exp(k2 E^2) (1 + 2 k2 E^2)."""
         return 1 + 2 * self.k2 * self.E**2
