@@ -164,7 +164,8 @@ class MacGrid:
         self.is_first = tuple(r == 0 for r in place)
         self.is_last = tuple(r == p - 1 for r, p in zip(place, (n0, n1, 1), strict=True))
         self.shape = tuple(n + 2 * g for n, g in zip(self.size, self.ghosts, strict=True))
-        self.owned = tuple(slice(g, g + n) for n, g in zip(self.size, self.ghosts, strict=True))
+        x, y, z = (slice(g, g + n) for n, g in zip(self.size, self.ghosts, strict=True))
+        self.owned = (x, y, z)
         # Communicators along each divided axis: all ranks that share the other coordinate.
         self.axis_comms = (
             (self.comm, MPI.COMM_SELF)

@@ -122,7 +122,7 @@ def _to_nodes(count: int, cells: Sequence[meshio.CellBlock], blocks: Sequence[Ar
 
 def outer_faces(body: Body) -> list[Array]:
     """Return the faces that belong to one cell only, and flat cells, one array for each number of corners."""
-    found: dict[int, list[Array]] = {}
+    found: dict[int, list[Indices]] = {}
     for kind, block in body.cells.items():
         if not len(block):
             continue

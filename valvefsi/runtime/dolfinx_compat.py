@@ -151,7 +151,9 @@ def vtk_cells(space: fem.FunctionSpace) -> tuple[int, NDArray[np.int32]]:
     return int(types[0]), np.asarray(topology).reshape(len(types), -1)[:, 1:]
 
 
-def evaluate(expression: fem.Expression, mesh: dolfinx.mesh.Mesh, cells: Sequence[int]) -> Array:
+def evaluate(
+    expression: fem.Expression, mesh: dolfinx.mesh.Mesh, cells: Sequence[int] | NDArray[np.integer]
+) -> Array:
     """Evaluate a compiled expression in ``cells``; ``(num_cells, num_points * value_size)``."""
     numbers = np.asarray(cells, dtype=np.int32)
     values = np.asarray(expression.eval(mesh, numbers))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from valvefsi.runtime import dolfinx_compat as compat
@@ -91,9 +92,9 @@ class MovingSolid:
         self.material = material
         self.kappa = formulation.energy(material).kappa
         degree = 2 * formulation.degree + 1
-        options = {"mesh": mesh, "material": material, "quadrature_degree": degree}
-        held = Body(supports=supports, loads=(), tethers=tethers, **options)
-        loaded = Body(supports=(), loads=loads, tethers=(), **options)
+        body = partial(Body, mesh=mesh, material=material, quadrature_degree=degree)
+        held = body(supports=supports, loads=(), tethers=tethers)
+        loaded = body(supports=(), loads=loads, tethers=())
         self.dX, self.size = held.dX, held.size
         self.space = fem.functionspace(mesh.mesh, ("Lagrange", formulation.degree, (self.dim,)))
         self.u, self.v, self.a = (fem.Function(self.space, name=name) for name in "uva")

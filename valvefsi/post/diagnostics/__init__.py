@@ -1,6 +1,7 @@
 """Numbers and fields read off a state: energy, dissipation, vorticity, flow, mean pressure, averages, profiles."""
 
 from valvefsi.post.diagnostics.averages import Averages
+from valvefsi.post.diagnostics.control_volume import ControlVolume
 from valvefsi.post.diagnostics.gradients import (
     dissipation,
     enstrophy,
@@ -12,7 +13,6 @@ from valvefsi.post.diagnostics.lines import line, sample_cells, sample_velocity
 from valvefsi.post.diagnostics.projected_area import projected_area
 from valvefsi.post.diagnostics.sections import Section, flow, mean_pressure
 from valvefsi.post.diagnostics.speeds import (
-    MPI,
     cell_velocity,
     fastest_place,
     kinetic_energy,
@@ -21,8 +21,8 @@ from valvefsi.post.diagnostics.speeds import (
 )
 
 __all__ = [
-    "MPI",
     "Averages",
+    "ControlVolume",
     "Section",
     "cell_velocity",
     "dissipation",

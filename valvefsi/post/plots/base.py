@@ -282,7 +282,8 @@ def _bar(figure: Figure, place: tuple[float, ...], mappable: ScalarMappable, lab
     bar.set_label(label, labelpad=3)
     bar.outline.set_visible(False)
     bar.ax.tick_params(length=2.5, labelsize=8.5)
-    ticks = np.linspace(*mappable.get_clim(), 5)
+    low, high = mappable.get_clim()
+    ticks = np.linspace(low, high, 5)
     bar.set_ticks(ticks, labels=[f"{tick:.6g}" for tick in ticks])
 
 

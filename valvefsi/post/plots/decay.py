@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -89,7 +90,7 @@ def forces(
         return saved(figure, path)
 
 
-def profiles(path: Path, curves: dict[str, list], *, title: str = "") -> Path:
+def profiles(path: Path, curves: dict[str, list[Any]], *, title: str = "") -> Path:
     """Draw velocity profiles across a channel, one panel for each flow.
 
     Args:

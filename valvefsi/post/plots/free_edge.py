@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from valvefsi.types import Array
+    from valvefsi.types import Array, Indices
 
 MOST = 12
 """Most moments that one end view holds."""
@@ -65,7 +65,7 @@ def free_edges(
         return saved(figure, path)
 
 
-def _chosen(edges: Mapping[str, Array], part: Array) -> Array:
+def _chosen(edges: Mapping[str, Array], part: Indices) -> Indices:
     """At most so many moments of a part, evenly along the way that the edges' middles go."""
     if len(part) <= MOST:
         return part
@@ -75,7 +75,7 @@ def _chosen(edges: Mapping[str, Array], part: Array) -> Array:
     return part[np.unique(near)]
 
 
-def _end_on(figure: Figure, axes: Axes, edges: Mapping[str, Array], chosen: Array, radius: float) -> None:
+def _end_on(figure: Figure, axes: Axes, edges: Mapping[str, Array], chosen: Indices, radius: float) -> None:
     """Draw the edges of some moments in one view, coloured by their order."""
     t = np.asarray(edges["t"])[chosen]
     span, colours = Normalize(0, max(len(chosen) - 1, 1)), mpl.colormaps["viridis_r"]

@@ -15,6 +15,8 @@ from valvefsi.post.plots.base import LINES, MUTED, STYLE, headings, plain, saved
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from matplotlib.axes import Axes
+
     from valvefsi.types import Array
 
     Profile = Mapping[str, Array]
@@ -90,7 +92,7 @@ def _range(profiles: Mapping[str, Profile], column: str) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _panel(axes: object, columns: Profile, column: str, limits: tuple[float, float]) -> None:
+def _panel(axes: Axes, columns: Profile, column: str, limits: tuple[float, float]) -> None:
     colour = LINES[1] if column == TKE else LINES[0]
     axes.plot(_along(columns)[1], columns[column], color=colour, linewidth=1.5)
     axes.axhline(0.0, color=MUTED, linewidth=0.7, zorder=1)

@@ -27,7 +27,7 @@ from valvefsi.io.solid_body import CORNERS, Body, outer_faces, read_body
 from valvefsi.post.plots.base import DILATION, INK, STYLE, headings, saved
 
 if TYPE_CHECKING:
-    from valvefsi.types import Array
+    from valvefsi.types import Array, Indices
 
 HEAT = mpl.colormaps["viridis"]
 
@@ -106,7 +106,7 @@ def draw_folder(folder: Path, out: Path, *, field: str | None = None, t: float |
         except CaseError as error:  # another series beside it may have the field
             without = error
             continue
-        name = "".join(c if c.isalnum() else "_" for c in body.shown.split(" [")[0])
+        name = "".join(c if c.isalnum() else "_" for c in str(body.shown).split(" [")[0])
         caption = file.name if when is None else f"t = {when:.6g} s"
         made.append(deformed(out / f"{path.stem}_{name}.png", body, title=path.stem, caption=caption))
     if not made and without is not None:
@@ -118,7 +118,9 @@ def draw_folder(folder: Path, out: Path, *, field: str | None = None, t: float |
 
 def _at_time(path: Path, t: float | None) -> tuple[float | None, Path | None]:
     """Return time and file of the entry of a series nearest to t, its last one for None."""
-    entries = [(float(e.get("timestep")), e.get("file")) for e in ET.parse(path).getroot().iter("DataSet")]
+    entries = [
+        (float(e.attrib["timestep"]), e.attrib["file"]) for e in ET.parse(path).getroot().iter("DataSet")
+    ]
     if not entries:
         return None, None
     when, file = entries[-1] if t is None else min(entries, key=lambda entry: abs(entry[0] - t))
@@ -148,7 +150,7 @@ def _scale(name: str, values: Array) -> ScalarMappable:
     return ScalarMappable(Normalize(low, high), HEAT)
 
 
-def _corner_cells(body: Body) -> list[Array]:
+def _corner_cells(body: Body) -> list[Indices]:
     return [np.asarray(nodes)[:, : CORNERS[int(kind)]] for kind, nodes in body.cells.items() if len(nodes)]
 
 
@@ -288,6 +290,7 @@ def _bar(figure: Figure, scale: ScalarMappable, label: str) -> None:
     bar = figure.colorbar(scale, cax=figure.add_axes(place), orientation="horizontal")
     bar.set_label(label.replace("^2", "$^2$"), labelpad=3)
     bar.outline.set_visible(False)
-    ticks = np.linspace(*scale.get_clim(), 5)
+    low, high = scale.get_clim()
+    ticks = np.linspace(low, high, 5)
     bar.set_ticks(ticks, labels=[f"{tick:.4g}" for tick in ticks])
     bar.ax.tick_params(length=2.5, labelsize=8.5)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -82,7 +82,7 @@ def _span(x: Array, known: tuple[float, float, float] | None) -> tuple[float, fl
 
 def vorticity(
     path: Path,
-    snapshots: Sequence[Mapping[str, object]],
+    snapshots: Sequence[Mapping[str, Any]],
     body: tuple[float, float, float],
     *,
     scale: float,

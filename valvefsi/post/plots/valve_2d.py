@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -65,7 +65,7 @@ def tips(
         return saved(figure, path)
 
 
-def in_the_flow(path: Path, snapshots: Sequence[Mapping[str, object]], *, title: str = "") -> Path:
+def in_the_flow(path: Path, snapshots: Sequence[Mapping[str, Any]], *, title: str = "") -> Path:
     """Draw leaflets over the speed of the flow at several times, one under the other.
 
     Args:

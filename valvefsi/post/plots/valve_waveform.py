@@ -110,7 +110,7 @@ def _legends(rows: Sequence[Axes]) -> None:
 
 def _difference(axes: Axes, waves: Mapping[str, Array]) -> None:
     """Fill between the pressures where their difference counts as positive."""
-    label = "positive difference"
+    label: str | None = "positive difference"
     for start, end in np.atleast_2d(waves["positive"]):
         t = np.unique(np.concatenate([[start, end], waves["t"][(waves["t"] > start) & (waves["t"] < end)]]))
         above, below = (np.interp(t, waves["t"], waves[name]) / MMHG for name in ("p_lv", "p_ao"))

@@ -15,6 +15,7 @@ from valvefsi.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +78,7 @@ def _draw_inputs(axes: Axes, picture: CircuitPicture) -> None:
     flows = {name: y for name, y in picture.inputs.items() if name.startswith("$Q")}
     pressures = {name: y for name, y in picture.inputs.items() if name not in flows}
     right = axes.twinx() if flows and pressures else axes
-    drawn = []
+    drawn: list[Line2D] = []
     for target, group, unit in ((axes, flows, "flow [ml/s]"), (right, pressures, "pressure [mmHg]")):
         for name, y in group.items():
             colour = LINES[(2 + len(drawn)) % len(LINES)]

@@ -48,7 +48,9 @@ def lumped_weights(
     weights = _row_sums(space, dm)
     total = comm.allreduce(weights.sum())
     if not total > 0:
-        raise CaseError("no cell or outer facet has this tag", file=mesh.source, key="on", value=list(names))
+        raise CaseError(
+            "no cell or outer facet has this tag", file=mesh.source, key="on", value=list(names or ())
+        )
     if positive and degree > 1:
         weights = _mass_diagonal(space, dm)
         weights *= total / comm.allreduce(weights.sum())
@@ -69,7 +71,7 @@ def _measure(space: fem.FunctionSpace, mesh: Mesh, names: Sequence[str] | None) 
         return ufl.Measure("dx", domain=space.mesh, metadata={"quadrature_degree": degree})
     dims, tags = zip(*(mesh.tag(name) for name in names), strict=True)
     if len(set(dims)) > 1:
-        raise CaseError("expected only cells or only facets", key="on", value=list(names))
+        raise CaseError("expected only cells or only facets", key="on", value=list(names or ()))
     cells = dims[0] == space.mesh.topology.dim
     data = mesh.cell_tags if cells else mesh.facet_tags
     measure = ufl.Measure(

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
     from valvefsi.solid.materials.kinematics import Kinematics
+    from valvefsi.solid.materials.laws import Material
     from valvefsi.types import Array, Mesh
 
 
@@ -77,7 +78,7 @@ class Contracting:
         fibre: Direction of the tension.
     """
 
-    def __init__(self, mesh: Mesh, passive: object, tension: float, fibre: str) -> None:
+    def __init__(self, mesh: Mesh, passive: Material, tension: float, fibre: str) -> None:
         self.passive, self.tension, self.fibre = passive, float(tension), fibre
         self._now = fem.Constant(mesh.mesh, 0.0)
 

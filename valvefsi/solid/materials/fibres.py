@@ -30,6 +30,9 @@ from valvefsi.solid.newton import Newton
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from ufl.core.expr import Expr
+
+    from valvefsi.solid.materials.laws import Material
     from valvefsi.solid.materials.parameters import Direction
     from valvefsi.types import Array, Mesh
 
@@ -146,7 +149,8 @@ def blend(
     """
     if len(angles) != 2 or not all(math.isfinite(angle) for angle in angles.values()):
         raise CaseError("expected two facet tags with an angle each", key="angles", value=dict(angles))
-    phi, gradient = _depth(mesh, tuple(angles))
+    inner, outer = angles
+    phi, gradient = _depth(mesh, (inner, outer))
     along = _unit((0.0, 0.0, 1.0) if mesh.dim == 2 else axis, "axis")
     first, second = (math.radians(angle) for angle in angles.values())
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -220,7 +224,7 @@ def read_fibres(mesh: Mesh, path: str | Path, name: str) -> fem.Function:
     return from_cells(mesh, points, vectors)
 
 
-def check_fibres(mesh: Mesh, material: object) -> None:
+def check_fibres(mesh: Mesh, material: Material) -> None:
     """Refuse fibre fields that a material cannot use: missing, not unit, not at right angles where they must be.
 
     Raises:
@@ -262,7 +266,7 @@ def directions(material: object) -> Iterator[Direction]:
                 yield from directions(entry)
 
 
-def at_midpoints(mesh: Mesh, expression: object) -> Array:
+def at_midpoints(mesh: Mesh, expression: Expr) -> Array:
     """Evaluate a UFL expression at the middle of this rank's cells, ``(num_cells, size)`` (collective)."""
     domain = mesh.mesh
     tdim = domain.topology.dim
@@ -328,7 +332,9 @@ def _depth(mesh: Mesh, surfaces: tuple[str, str]) -> tuple[Array, Array]:
     conditions = []
     for value, name in enumerate(surfaces):
         dim, tag = mesh.tag(name)
-        facets = mesh.facet_tags.find(tag) if dim == facet_dim else np.zeros(0, dtype=np.int32)
+        facets = np.zeros(0, dtype=np.int32)
+        if dim == facet_dim and mesh.facet_tags is not None:
+            facets = mesh.facet_tags.find(tag)
         if domain.comm.allreduce(len(facets)) == 0:
             raise CaseError("no facet carries this tag", file=mesh.source, key="angles", value=name)
         dofs = fem.locate_dofs_topological(space, facet_dim, facets)

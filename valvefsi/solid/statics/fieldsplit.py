@@ -180,7 +180,7 @@ def rigid_motions(space: fem.FunctionSpace) -> PETSc.NullSpace:
     X = space.tabulate_dof_coordinates()[:n]
     modes = [np.broadcast_to(np.eye(3)[i], (n, 3)) for i in range(dim)]
     turns = [np.cross(np.eye(3)[axis], X) for axis in ((2,) if dim == 2 else (0, 1, 2))]
-    vectors = []
+    vectors: list[PETSc.Vec] = []
     for mode in (*modes, *turns):
         vector = compat.create_vector(space)
         vector.array[:] = mode[:, :dim].ravel()

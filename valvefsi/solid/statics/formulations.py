@@ -34,6 +34,13 @@ class Formulation(Protocol):
         """Return the potential per reference volume as a function of displacement and pressure [dyn/cm^2]."""
 
 
+class DisplacementFormulation(Formulation, Protocol):
+    """A formulation without a pressure of its own."""
+
+    def pressure(self, mesh: Mesh, material: Material, u: fem.Function) -> Expr:
+        """Return the pressure of a displacement [dyn/cm^2]."""
+
+
 @dataclass(frozen=True)
 class TaylorHood:
     """Exactly incompressible, P2-P1 on simplices and Q2-Q1 on quadrilaterals and hexahedra: W - p (J - 1)."""
@@ -122,7 +129,7 @@ class NearlyIncompressible:
 
 
 class _VolumeOnly:
-    """What a volumetric energy asks of the kinematics."""
+    """A volume ratio without the deformation that has it, see `valvefsi.solid.materials.laws.VolumeRatio`."""
 
     def __init__(self, J: Expr) -> None:
         self.J, self.log_J = J, ufl.ln(J)

@@ -100,14 +100,19 @@ def facet_tags(mesh: Mesh, names: Sequence[str]) -> list[int]:
     if any(dim != mesh.mesh.topology.dim - 1 for dim, _ in tags):
         raise CaseError("expected tags of facets", file=mesh.source, key="on", value=list(names))
     for name, (_, tag) in zip(names, tags, strict=True):
-        if mesh.mesh.comm.allreduce(len(mesh.facet_tags.find(tag))) == 0:
+        if mesh.mesh.comm.allreduce(len(_facets(mesh, tag))) == 0:
             raise CaseError("no facet carries this tag", file=mesh.source, key="on", value=name)
     return [tag for _, tag in tags]
 
 
 def facets_of(mesh: Mesh, names: Sequence[str]) -> NDArray[np.int32]:
     """Return this rank's facets with any of the tags; refuse tags that no facet carries (collective)."""
-    return np.concatenate([mesh.facet_tags.find(tag) for tag in facet_tags(mesh, names)])
+    return np.concatenate([_facets(mesh, tag) for tag in facet_tags(mesh, names)])
+
+
+def _facets(mesh: Mesh, tag: int) -> NDArray[np.int32]:
+    """Return this rank's facets with a tag, ``(n,)``."""
+    return np.zeros(0, dtype=np.int32) if mesh.facet_tags is None else mesh.facet_tags.find(tag)
 
 
 class Prescribed:
