@@ -92,7 +92,7 @@ def test_what_is_written_reads_back(tmp_path):
         (
             changed(5, "0.04,1e12,12"),
             "row 6, column p_ao_mmHg",
-            "no pressure of a flow loop is beyond 1e+05 mmHg",
+            "no flow loop has this pressure, at most 7.5e+05 mmHg",
         ),
         ([line.split(",")[0] for line in GOOD], "", "no pressure or flow"),
         (changed(0, "t_s,p_ao_mmHg,p_ao_kPa"), "column p_ao", "is there twice"),

@@ -59,8 +59,8 @@ NAMES = {
 }
 NAMES |= {"cauchy": "cauchy{0}", "tension": "tension{0}"}
 """A name of each quantity along an axis, for messages."""
-LARGEST = 1e9
-"""Stress that no tissue carries [kPa]."""
+LARGEST = 1e6
+"""Largest stress that a record may hold [kPa]."""
 FALL, SLACK = 0.1, 0.05
 """Fall of the stress, and stress in a slack specimen, that are refused, as parts of the protocol's largest."""
 
@@ -261,10 +261,8 @@ def _kinds(table: Table, columns: Columns) -> tuple[str, str]:
     if len(stresses) > 1:
         raise CaseError(f"expected one measure of stress, found {' and '.join(stresses)}", file=table.path)
     missing = []
-    for kind in (deformation, *(stresses or [None])):
-        missing += [
-            NAMES[kind].format(axis) for axis in (1, 2) if kind and (kind, 2 * str(axis)) not in columns
-        ]
+    for kind in filter(None, (deformation, *stresses)):
+        missing += [NAMES[kind].format(axis) for axis in (1, 2) if (kind, 2 * str(axis)) not in columns]
     if deformation is None:
         missing.append("the deformation (stretch1 and stretch2, E11 and E22, or F11 to F22)")
     if not stresses:
@@ -294,7 +292,7 @@ def _deformation(table: Table, columns: Columns, kind: str, notes: list[str]) ->
             message = "the deformation leaves no usable area"
             raise CaseError(message, file=table.path, key=f"row {line}, det F", value=float(value))
     if len(F) > 1 and np.ptp(F, axis=0).max() < 1e-9:
-        raise CaseError("the deformation is the same in every row", file=table.path, key=f"column {kind}")
+        raise CaseError("the deformation does not change: there is nothing to fit", file=table.path)
     return F
 
 
@@ -353,9 +351,13 @@ def _stress(
         millimetres = 10 * reading.thickness
         notes.append(f"{table.path.name}: first Piola-Kirchhoff stress is tension over {millimetres:g} mm")
         stress = stress / millimetres
-    if np.abs(stress).max() > LARGEST:
-        message = f"no tissue carries more than {LARGEST:g} kPa"
-        raise CaseError(message, file=table.path, key=f"column {kind}", value=float(np.abs(stress).max()))
+    beyond = np.argwhere(np.abs(stress) > LARGEST)
+    if len(beyond):
+        row, at = beyond[0]
+        message = f"no tissue bears this, at most {LARGEST:g} kPa is plausible"
+        raise table.fault(
+            message, columns[(kind, components[at])].header, table.lines[row], float(raw[row, at])
+        )
     return components, stress
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from valvefsi.fitting.planar import PlanarMaterial, PlanarState
 from valvefsi.types import Array
+
+Marks = NDArray[np.bool_]
 
 BEYOND = 0.2
 """How far beyond the data it is checked, as a part of their range."""
@@ -57,7 +60,9 @@ def stability(material: PlanarMaterial, values: Array, F: Array) -> Stability:
         values: Its parameters.
         F: Deformations of the data, ``(n, 2, 2)``.
     """
-    convex, elliptic, worst = [], [], None
+    convex: list[float] = []
+    elliptic: list[float] = []
+    worst = None
     for beyond in (0.0, BEYOND):
         state = _states(F, beyond)
         tangent, S = _tangent(material, values, state)
@@ -73,10 +78,10 @@ def stability(material: PlanarMaterial, values: Array, F: Array) -> Stability:
             worst = tuple(
                 float(x) for x in ((state.C11[k] - 1) / 2, (state.C22[k] - 1) / 2, state.C12[k] / 2)
             )
-    return Stability(convex=tuple(convex), elliptic=tuple(elliptic), worst=worst)
+    return Stability(convex=(convex[0], convex[1]), elliptic=(elliptic[0], elliptic[1]), worst=worst)
 
 
-def _share(good: Array) -> float:
+def _share(good: Marks) -> float:
     return float(np.mean(good)) if len(good) else 1.0
 
 
@@ -110,7 +115,7 @@ def _tangent(material: PlanarMaterial, values: Array, state: PlanarState) -> tup
     return (tangent + tangent.transpose(0, 2, 1)) / 2, np.real(material.stress(values, state))
 
 
-def _in_tension(S: Array) -> Array:
+def _in_tension(S: Array) -> Marks:
     """Return where both principal stresses of the plane are not negative."""
     size = np.abs(S).max(axis=0) + 1e-300
     return (S[0] + S[1] >= -1e-9 * size) & (S[0] * S[1] - S[2] ** 2 >= -1e-9 * size**2)

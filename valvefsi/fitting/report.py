@@ -214,7 +214,7 @@ class Report:
 
     def rows(self) -> list[tuple[str, ...]]:
         """Return name, value, unit, deviation, interval and verdict of each parameter as text."""
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for name, entry in self.parameters().items():
             deviation, ends = entry["std"], entry["ci95"]
             interval = "" if ends is None else f"{number(ends[0])} ... {number(ends[1])}"

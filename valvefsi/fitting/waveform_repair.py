@@ -10,7 +10,7 @@ from scipy.interpolate import make_smoothing_spline
 
 from valvefsi.errors import CaseError
 from valvefsi.fitting.waveforms import FEWEST, Waveforms
-from valvefsi.types import Array
+from valvefsi.types import Array, Indices
 
 REACH = 4
 """Samples to either side that a sample is compared with."""
@@ -178,7 +178,7 @@ def smooth(waves: Waveforms, quantities: Iterable[str], cutoff: float) -> Wavefo
     return waves.with_values(changed, note)
 
 
-def _far(y: Array) -> tuple[Array, Array]:
+def _far(y: Array) -> tuple[Indices, Array]:
     """Return the samples far from their neighbours, and the median of the neighbours of each sample."""
     n = len(y)
     if n < 2 * REACH + 1:

@@ -20,7 +20,7 @@ from valvefsi.errors import CaseError
 from valvefsi.fitting.record_table import Table, is_statistic, read_table
 from valvefsi.fitting.report import sha256
 from valvefsi.types import Array, Indices
-from valvefsi.units import KILOPASCAL, LITRE_PER_MINUTE, MILLILITRE, MMHG, PASCAL
+from valvefsi.units import KILOPASCAL, LITRE_PER_MINUTE, MILLILITRE, MMHG, PASCAL, PLAUSIBLE
 
 UNITS: dict[str, dict[str, float]] = {
     "t": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0},
@@ -47,8 +47,6 @@ UNITS: dict[str, dict[str, float]] = {
 }
 KINDS = {"t": "time", "p": "pressure", "q": "flow", "v": "volume"}
 EXAMPLES = {"t": "t_s", "p": "{}_mmHg", "q": "{}_ml_s", "v": "{}_ml"}
-LIMITS = {"t": 1e9, "p": 1e5 * MMHG, "q": 1e6, "v": 1e6}
-"""Sizes in CGS beyond which no pressure, flow or volume of a flow loop is."""
 GAP = 10.0
 """An interval longer than this many times the median one is a gap."""
 FEWEST = 4
@@ -218,12 +216,13 @@ def write_waveforms(waves: Waveforms, path: Path, header: Iterable[str] = ()) ->
 
 def _numbers(table: Table, name: str, heading: str, unit: str) -> Array:
     """Return a column in CGS; refuse what no flow loop has."""
-    values = table.numbers(heading) * UNITS[name[0]][unit]
-    beyond = np.flatnonzero(np.abs(values) > LIMITS[name[0]])
+    scale = UNITS[name[0]][unit]
+    values = table.numbers(heading) * scale
+    beyond = np.flatnonzero(np.abs(values) > PLAUSIBLE[name[0]])
     if len(beyond):
-        k, most = int(beyond[0]), LIMITS[name[0]] / UNITS[name[0]][unit]
-        message = f"no {KINDS[name[0]]} of a flow loop is beyond {most:.3g} {unit}"
-        raise table.fault(message, heading, table.lines[k], table.rows[k][table.header.index(heading)])
+        most = f"{PLAUSIBLE[name[0]] / scale:.3g} {unit}"
+        message = f"no flow loop has this {KINDS[name[0]]}, at most {most} is plausible"
+        raise table.fault(message, heading, table.lines[beyond[0]], float(values[beyond[0]] / scale))
     return values
 
 
