@@ -124,8 +124,8 @@ def step(model: Model, s: State, dt: float) -> State:
     # 4. the circulation sees the new flow
     flows = {side: model.fluid.boundary.outflow(u_half, side) for side in model.circulation.sides}
     circuits = model.circulation.step(s.circuits, flows, s.t, dt)
-    new = {"u": u, "p": p, "N": N, "bodies": bodies, "circuits": circuits, "impulse": impulse}
-    return State(t=s.t + dt, step=s.step + 1, dt=dt, dt_stable=s.dt_stable, **new)
+    at = {"t": s.t + dt, "dt": dt, "dt_stable": s.dt_stable}
+    return State(u=u, p=p, N=N, bodies=bodies, circuits=circuits, impulse=impulse, step=s.step + 1, **at)
 
 
 def total_forces(grid: MacGrid, half: list[HalfStep]) -> Array:

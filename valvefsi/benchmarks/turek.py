@@ -44,7 +44,8 @@ from valvefsi.errors import CaseError, StabilityError
 from valvefsi.grid import Array
 from valvefsi.io.checkpoint import newest_meta
 from valvefsi.post import diagnostics
-from valvefsi.run.recording import Output, load_state, memory_of, refuse_to_overwrite, save_state
+from valvefsi.run.checkpoints import load_state, memory_of, refuse_to_overwrite, save_state
+from valvefsi.run.recording import Output
 from valvefsi.runtime.memory import keep_freed_memory
 
 PARAMETERS = {

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from valvefsi.coupling.transfer import Coupling
     from valvefsi.grid import MacGrid
     from valvefsi.solid.structure import Structure
-    from valvefsi.types import Array, Faces, Table, Transfer
+    from valvefsi.types import Array, Faces, Indices, Table, Transfer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ class Elastic(BodyBase):
         return self.solid.X
 
     @property
-    def ids(self) -> Array:  # type: ignore[override]
+    def ids(self) -> Indices:  # type: ignore[override]
         """Numbers of this rank's nodes, ``(n,)``."""
         return self.solid.ids
 
@@ -152,7 +152,7 @@ class Elastic(BodyBase):
         The points are the nodes, or for elemental coupling those that are refined until no gap is larger than allowed.
         """
         gap = self.solid.longest_gap(q["chi"])
-        return gap if self.coupling.nodal else min(gap, self.coupling.gap)
+        return min(gap, self.coupling.gap)
 
     @property
     def remedy(self) -> str:

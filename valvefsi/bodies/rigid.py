@@ -117,7 +117,7 @@ class RigidSurface(BodyBase):
         """Return the surface with a clock around its transfer."""
         other = copy(self)
         phases = {"spread": "rigid surfaces", "interpolate": "rigid surfaces"}
-        other.transfer = Timed(self.transfer, table, phases)  # type: ignore[assignment]
+        other.transfer = Timed(self.transfer, table, phases)
         return other
 
     def series(self, folder: Path, comm: MPI.Comm, resume_time: float | None) -> NoSeries:

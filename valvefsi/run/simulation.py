@@ -9,6 +9,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -18,16 +19,9 @@ from valvefsi.errors import CaseError, StabilityError, Stopped
 from valvefsi.fsi import Model, State
 from valvefsi.grid import MacGrid
 from valvefsi.post import diagnostics
+from valvefsi.run.checkpoints import load_state, memory_of, refuse_to_overwrite, save_state
 from valvefsi.run.health import Health
-from valvefsi.run.recording import (
-    Output,
-    Recorder,
-    box_of,
-    load_state,
-    memory_of,
-    refuse_to_overwrite,
-    save_state,
-)
+from valvefsi.run.recording import Output, Recorder, box_of
 from valvefsi.run.schedule import AdaptiveSchedule, Schedule
 from valvefsi.run.stable_step import stable_step
 from valvefsi.runtime.clock import Timed
@@ -114,7 +108,9 @@ class Simulation:
         """
         keep_freed_memory()
         state = self._first_state(resume)
-        recorder = Recorder(self.model, self.output, self.memory, state if resume else None)
+        recorder = Recorder(
+            self.model, self.output, self.memory.statistics, self.memory.forces, state if resume else None
+        )
         if not resume:
             self._record(recorder, None, state)
         started, first = time.perf_counter(), state.step
@@ -323,5 +319,5 @@ def timed(model: Model, table: dict[str, float]) -> Model:
         model: The model.
         table: Wall-clock time by phase, added to [s].
     """
-    fluid = Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"})
+    fluid: Any = Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"})
     return replace(model, fluid=fluid, bodies=tuple(body.timed(table) for body in model.bodies))
