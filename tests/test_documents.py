@@ -151,7 +151,7 @@ def test_every_command_of_a_document_is_understood(path):
 
 
 @pytest.mark.parametrize(
-    ("path", "words"), commands_of_results(), ids=lambda part: getattr(part, "stem", None)
+    ("path", "words"), list(commands_of_results()), ids=lambda part: getattr(part, "stem", None)
 )
 def test_the_command_behind_a_number_is_understood(path, words):
     understand(words, whole=True)
