@@ -189,7 +189,7 @@ def march(
     forces = np.zeros((steps, 3))
     for k in range(steps):
         old, state = state, fsi.step(model, state, dt)
-        forces[k] = (state.impulse - old.impulse)[0] / dt
+        forces[k] = (state.given - old.given)[0, :3] / dt
         if progress is not None:
             progress(k + 1, state.t, t_end, {})
     t = dt * (np.arange(steps) + 0.5)

@@ -38,11 +38,13 @@ class ElasticHalf:
         """Add the forces to the force density f on the faces [dyn/cm^3]. Collective."""
         self.transfer.spread(self.force, out=f)
 
-    def whole(self, u_half: Faces) -> Table:
-        """Return the state after the step: carried by the velocity at its middle, and by Darcy slip. Collective."""
-        V = self.transfer.interpolate(u_half)
-        if self.mobility is not None:
-            V += self.mobility * self.force
+    def velocity(self, u_half: Faces) -> Array:
+        """Return the velocity of the fluid at the nodes, ``(n, 3)`` [cm/s]. Collective."""
+        return self.transfer.interpolate(u_half)
+
+    def whole(self, U: Array) -> Table:
+        """Return the state after the step: carried by the velocity U at its middle, and by Darcy slip."""
+        V = U if self.mobility is None else U + self.mobility * self.force
         return {"chi": self.chi + self.dt * V}
 
 

@@ -56,7 +56,7 @@ def save_state(model: Model, state: State, output: Output, memory: Memory, *, fi
     meta: dict[str, Any] = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
     meta["dt_stable"] = state.dt_stable if math.isfinite(state.dt_stable) else None
     meta["circuits"] = [float(value) for value in state.circuits]
-    meta["impulse"] = state.impulse.tolist()
+    meta["given"] = state.given.tolist()
     meta["statistics"], meta["forces"] = statistics.meta(), memory.forces.meta()
     meta["provenance"] = dict(output.provenance)
     folder = output.directory / "checkpoints"
@@ -98,7 +98,7 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
             for k in range(len(model.bodies))
         ),
         circuits=np.array(meta["circuits"]),
-        impulse=np.array(meta["impulse"]).reshape(-1, 3),
+        given=np.array(meta["given"]).reshape(-1, 4),
     )
 
 
