@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from valvefsi.cli.options import Out, Plan, Resume, Set
+from valvefsi.cli.options import Out, Plan, Resume, Set, Trust
 from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
 from valvefsi.errors import CaseError
@@ -19,13 +19,14 @@ def run(
     resume: Resume = False,
     overrides: Set = None,
     plan: Plan = False,
+    trust: Trust = False,
 ) -> None:
     """Run a case; the results go to results/NAME of the case file unless --out says otherwise."""
     from mpi4py import MPI
 
     from valvefsi.case import load_case
 
-    loaded = load_case(case, overrides or [])
+    loaded = load_case(case, overrides or [], trust=trust)
     from valvefsi.case.build import plan_case, run_case
 
     comm = MPI.COMM_WORLD
