@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
+from valvefsi.io.series import read_times
 
 TYPES = {"Float32": np.float32, "Float64": np.float64}
 END = b"</VTKFile>"
@@ -48,16 +49,12 @@ def times_of(series: Path) -> list[tuple[float, Path]]:
         series: The list of times, ``NAME.pvd``.
 
     Raises:
-        CaseError: The list is missing, cannot be read, or names no file that exists.
+        CaseError: The list is missing, cannot be read, or names no file that is complete.
     """
     series = Path(series)
     if not series.is_file():
         raise CaseError("no such series; was the run made with output.frames?", file=series)
-    try:
-        items = list(ET.parse(series).getroot().iter("DataSet"))
-    except ET.ParseError as error:
-        raise CaseError(f"this is not a ParaView series: {error}", file=series) from None
-    found = [(float(item.get("timestep")), series.parent / item.get("file")) for item in items]
+    found = [(t, series.parent / name) for t, name in read_times(series)]
     found = sorted(entry for entry in found if _is_complete(entry[1]))
     if not found:
         raise CaseError("the series has no complete files yet", file=series)
@@ -76,7 +73,7 @@ def _is_complete(path: Path) -> bool:
                 file.seek(-min(len(END) + 8, piece.stat().st_size), 2)
                 if not file.read().rstrip().endswith(END):
                     return False
-    except (OSError, ET.ParseError):
+    except Exception:  # a damaged file fails anywhere
         return False
     return bool(pieces)
 
@@ -110,7 +107,7 @@ def read_grid(path: Path, t: float = 0.0) -> GridFields:
         if whole.tag == "PImageData":
             origin, spacing = (np.array(whole.get(key).split(), dtype=float) for key in ("Origin", "Spacing"))
             edges = [o + h * np.arange(n + 1) for o, h, n in zip(origin, spacing, cells, strict=True)]
-    except (OSError, ET.ParseError, StopIteration, KeyError, IndexError, ValueError, zlib.error) as error:
+    except Exception as error:  # a damaged file fails anywhere
         raise CaseError(f"this file of a fluid series cannot be read: {error}", file=path) from None
     return GridFields(t=t, edges=tuple(edges), fields=fields)
 
