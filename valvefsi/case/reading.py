@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from valvefsi.case.checks import check_case
 from valvefsi.case.circuit_tables import circuit_schemas
 from valvefsi.case.includes import read_toml, resolve_includes
 from valvefsi.case.materials import material_schemas
@@ -78,7 +79,10 @@ def parse_case(
     Raises:
         CaseError: Something is wrong with it.
     """
-    raw = resolve_includes(deepcopy(dict(raw)), file)
+    try:
+        raw = resolve_includes(deepcopy(dict(raw)), file)
+    except RecursionError:
+        raise CaseError("tables are nested too deeply", file=file) from None
     changed = apply_overrides(raw, overrides, aliases)
     _find_files(raw, file, changed)
     load_own_materials(raw, file, trust)
@@ -87,6 +91,12 @@ def parse_case(
     except ValidationError as error:
         raise _one_line(error, raw, file, changed) from None
     case._file = file
+    try:
+        check_case(case)
+    except CaseError as error:
+        loc = [int(part) if part.isdigit() else part for part in str(error.key).split(".")]
+        source = _source(str(error.key), file, changed)
+        raise CaseError(error.reason, file=source, key=_shown(loc, raw), value=error.value) from None
     return case
 
 
