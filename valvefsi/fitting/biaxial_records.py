@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
-from valvefsi.fitting.record_table import Table, read_table
+from valvefsi.fitting.record_table import STATISTIC, Table, read_table
 from valvefsi.units import KILOPASCAL, MMHG
 
 STRESS_UNITS = {
@@ -48,6 +48,8 @@ KINDS = {
 DEFORMATIONS, STRESSES = ("gradient", "strain", "stretch"), ("pk1", "pk2", "cauchy", "tension")
 INDEX = r"_?(11|22|12|21|1|2)"
 EXAMPLES = "stretch1, E11, F11, PK1_1, PK2_1, cauchy1, tension1 or protocol"
+FIXED, STIFFEST = 1e-9, 1e6
+"""Change of F below which nothing was deformed, and the largest stress (or tension) a record may hold [kPa, N/m]."""
 FALL, SLACK = 0.1, 0.05
 """Fall of the stress, and stress in a slack specimen, that are refused, as parts of the protocol's largest."""
 
@@ -217,6 +219,8 @@ def _meaning(header: str, name: str, table: Table) -> _Column | None:
     Raises:
         CaseError: It is a known quantity in an unknown unit.
     """
+    if STATISTIC.search(name):
+        return None
     text = name.strip().lower().replace(" ", "_")
     if text in ("protocol", "test", "set"):
         return _Column(header=header, kind="protocol", component="", unit=None)
@@ -261,6 +265,8 @@ def _deformation(table: Table, columns: Mapping[tuple[str, str], _Column], notes
         _check_positive(table, columns, kind, values)
         for component, numbers in values.items():
             F[:, int(component[0]) - 1, int(component[1]) - 1] = numbers
+    if np.ptp(F, axis=0).max() < FIXED:
+        raise CaseError("the deformation does not change: there is nothing to fit", file=table.path)
     determinant = np.linalg.det(F)
     for line, value in zip(table.lines, determinant, strict=True):
         if not 1e-6 < value < 1e6:
@@ -321,6 +327,12 @@ def _stress(
     known = TENSION_UNITS if kind == "tension" else STRESS_UNITS
     factors = [_factor(columns[(kind, c)], reading.unit, known, (raw, table, notes)) for c in components]
     stress = raw * np.array(factors)
+    over = np.flatnonzero(np.abs(stress).max(axis=1) > STIFFEST)
+    if len(over):
+        at = int(np.abs(stress[over[0]]).argmax())
+        message = f"no tissue bears this, at most {STIFFEST:g} kPa (or N/m) is plausible"
+        header = columns[(kind, components[at])].header
+        raise table.fault(message, header, table.lines[over[0]], float(stress[over[0], at]))
     if kind != "tension":
         return kind, components, stress
     if reading.thickness is None or not reading.thickness > 0:

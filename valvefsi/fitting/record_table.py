@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
+
+STATISTIC = re.compile(r"(^|[^a-z])(sd|std|se|sem|stdev|stderr|var|err|error)([^a-z]|$)", re.I)
+"""Part of the heading of a column that says how another one scatters."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
-from valvefsi.units import KILOPASCAL, LITRE_PER_MINUTE, MILLILITRE, MMHG, PASCAL
+from valvefsi.fitting.record_table import STATISTIC
+from valvefsi.units import KILOPASCAL, LITRE_PER_MINUTE, MILLILITRE, MMHG, PASCAL, PLAUSIBLE
 
 UNITS: dict[str, dict[str, float]] = {
     "t": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0},
@@ -197,6 +198,8 @@ def read_waveforms(
         for name, (at, unit) in found.items()
     }
     rows = np.array([row for row, _ in body])
+    for name, array in arrays.items():
+        _check_size(path, rows, headings[found[name][0]], name, array)
     t = arrays.pop("t")
     _check_times(t, path, rows, headings[found["t"][0]], gaps)
     return Waveforms(
@@ -207,6 +210,7 @@ def read_waveforms(
         rows=rows,
         file=path,
         sha256=digest,
+        notes=_passed_over(headings),
     )
 
 
@@ -257,6 +261,8 @@ def _assign(path: Path, row: int, headings: list[str], columns: dict[str, str]) 
     mapped = {name: _mapped(path, headings, name, given) for name, given in columns.items()}
     taken = {at for at, _ in mapped.values()}
     for at, heading in enumerate(headings):
+        if STATISTIC.search(heading) and at not in taken:
+            continue
         known = None if at in taken else parse_heading(heading)
         if known is None:
             if at not in taken:
@@ -270,6 +276,12 @@ def _assign(path: Path, row: int, headings: list[str], columns: dict[str, str]) 
             )
         found[name] = (at, unit)
     return {**found, **mapped}
+
+
+def _passed_over(headings: list[str]) -> tuple[str, ...]:
+    """Note the columns that hold statistics of others."""
+    passed = [heading for heading in headings if STATISTIC.search(heading)]
+    return (f"columns passed over: {', '.join(passed)}",) if passed else ()
 
 
 def _mapped(path: Path, headings: list[str], name: str, given: str) -> tuple[int, str]:
@@ -323,6 +335,18 @@ def _number(path: Path, row: int, headings: list[str], cells: list[str], at: int
             f"expected a number, found {found[:40]}", file=path, key=f"row {row}, column {headings[at]}"
         )
     return value
+
+
+def _check_size(path: Path, rows: NDArray, heading: str, name: str, array: NDArray) -> None:
+    """Refuse values that nothing in a flow loop reaches."""
+    over = np.flatnonzero(np.abs(array) > PLAUSIBLE[name[0]])
+    if len(over):
+        message = (
+            f"no flow loop has this {KINDS[name[0]]}, at most {PLAUSIBLE[name[0]]:g} in CGS is plausible"
+        )
+        raise CaseError(
+            message, file=path, key=f"row {rows[over[0]]}, column {heading}", value=array[over[0]]
+        )
 
 
 def _check_times(t: NDArray, path: Path, rows: NDArray, heading: str, gaps: bool) -> None:
