@@ -53,6 +53,10 @@ class StabilityError(ValvefsiError, RuntimeError):
     """A run left the region where its numbers mean anything."""
 
 
+class SurroundingsError(ValvefsiError, RuntimeError):
+    """The disk, a folder, the memory or another process failed a run; the case has no part in it."""
+
+
 class Stopped(ValvefsiError):
     """A run was asked to stop by a signal, and has written a checkpoint.
 
@@ -66,6 +70,14 @@ class Stopped(ValvefsiError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+def reason_of(error: OSError | MemoryError) -> str:
+    """Return in one line what the system says."""
+    if isinstance(error, MemoryError):
+        return f"out of memory{f' ({error})' if str(error) else ''}"
+    place = f"{error.filename}: " if error.filename else ""
+    return f"{place}{error.strerror or ' '.join(str(error).split()) or type(error).__name__}"
 
 
 def raise_together(comm: MPI.Comm, error: Exception | None) -> None:

@@ -212,7 +212,7 @@ def test_pairs_of_wrong_bits_and_exchanged_words_are_recognised(tmp_path):
     for kind in ("signs", "exchanged", "zeros"):
         for _ in range(200):
             path.write_bytes(spoilt(kind))
-            header, reason = _inspect(path, MPI.COMM_SELF)
+            _, reason = _inspect(path, MPI.COMM_SELF)
             assert reason == "wrong checksum of u0", kind
     path.write_bytes(whole)
     assert _inspect(path, MPI.COMM_SELF)[1] is None

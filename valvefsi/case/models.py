@@ -299,10 +299,10 @@ class Output(Table):
         20, ge=0, le=MOST, description="Frames of the ParaView series over the run, 0 for none"
     )
     checkpoint_every: int = Field(
-        10000, ge=0, le=MOST_STEPS, description="Steps between two checkpoints, 0 for one at the end"
+        0, ge=0, le=MOST_STEPS, description="Steps between two checkpoints, 0 for none by steps"
     )
     checkpoint_wall: Time = Field(
-        0.0, ge=0, description="Wall-clock time between two checkpoints, 0 for none by the clock"
+        600.0, ge=0, description="Wall-clock time between two checkpoints, 0 for none by the clock"
     )
     keep_checkpoints: int = Field(2, ge=1, le=MOST, description="Checkpoints that are kept")
     dissipation: bool = Field(

@@ -15,6 +15,8 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from valvefsi.io.folder import replacing
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -314,5 +316,6 @@ def saved(figure: Figure, path: Path) -> Path:
     """Write a figure, its folder too, and return where it is."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    with replacing(path) as temporary:
+        figure.savefig(temporary)
     return path
