@@ -92,8 +92,9 @@ def _changes(meta: Mapping[str, Any], case: Case, allow: bool) -> tuple[dict[str
     recorded = meta.get("provenance", {})
     old, new = recorded.get("case", {}), provenance_of(case)["case"]
     found = {key: (old.get(key), new.get(key)) for key in {**old, **new} if old.get(key) != new.get(key)}
-    fixed = [key for key in found if FIXED.fullmatch(key)]
-    held_back = [] if allow else [key for key in found if not FREE.fullmatch(key) and key not in fixed]
+    held_back = [key for key in found if not FREE.fullmatch(key)]
+    fixed = [key for key in held_back if FIXED.fullmatch(key)]
+    held_back = [] if allow else held_back
     if fixed or held_back:
         key = (fixed or held_back)[0]
         before, after = ("not there" if value is None else repr(value) for value in found[key])
