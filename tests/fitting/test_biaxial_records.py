@@ -266,3 +266,21 @@ def test_options_that_make_no_sense_are_named(tmp_path):
             fit_biaxial(data, "lee_sacks", **options)
     with pytest.raises(CaseError, match=r"model = 'ogden'.*expected one of hgo"):
         fit_biaxial(data, "ogden")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (GOOD.replace("1.1,1.1", "1,1").replace("1.2,1.2", "1,1"), "the deformation does not change"),
+        (GOOD.replace("9,12", "9,1e12"), r"row 4, column P22_kPa = 1000000000000.0: no tissue bears this"),
+    ],
+)
+def test_what_no_test_of_tissue_gives_is_refused(tmp_path, text, said):
+    with pytest.raises(CaseError, match=said):
+        read_biaxial(written(tmp_path, text))
+
+
+def test_columns_of_scatter_are_passed_over_with_a_note(tmp_path):
+    lines = GOOD.splitlines()
+    text = "\n".join([lines[0] + ",P11_sd,sd_P22_kPa", *(f"{line},1,1" for line in lines[1:])])
+    assert any("P11_sd, sd_P22_kPa" in note for note in read_biaxial(written(tmp_path, text)).notes)

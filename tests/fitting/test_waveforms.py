@@ -225,3 +225,26 @@ def test_damaged_files_never_end_in_a_traceback(tmp_path):
             assert (np.diff(waves.t) > 0).all()
 
     damage()
+
+
+def with_column(heading):
+    return [f"{GOOD[0]},{heading}", *(f"{line},1.5" for line in GOOD[1:])]
+
+
+@pytest.mark.parametrize(
+    "heading", ["p_lv_sd", "sd_p_lv", "p_lv_std_mmHg", "q_ao SD [ml/s]", "SEM", "p_ao_err"]
+)
+def test_a_column_of_scatter_is_passed_over_with_a_note(tmp_path, heading):
+    waves = read_waveforms(table(tmp_path, with_column(heading)))
+    assert set(waves.values) == {"p_ao", "q_ao"}
+    assert waves.notes == (f"columns passed over: {heading}",)
+
+
+def test_values_that_nothing_reaches_are_refused(tmp_path):
+    for line, column in (
+        ("0.05,1e12,15", "p_ao_mmHg"),
+        ("0.05,85,-1e12", "q_ao_ml_s"),
+        ("1e12,85,15", "t_s"),
+    ):
+        with pytest.raises(CaseError, match=f"row 7, column {column}.* (plausible|gap|increase)"):
+            read_waveforms(table(tmp_path, changed(6, line)))

@@ -61,6 +61,8 @@ NAMES |= {"cauchy": "cauchy{0}", "tension": "tension{0}"}
 """A name of each quantity along an axis, for messages."""
 LARGEST = 1e6
 """Largest stress that a record may hold [kPa]."""
+FIXED = 1e-9
+"""Change of F below which nothing was deformed."""
 FALL, SLACK = 0.1, 0.05
 """Fall of the stress, and stress in a slack specimen, that are refused, as parts of the protocol's largest."""
 
@@ -287,6 +289,8 @@ def _deformation(table: Table, columns: Columns, kind: str, notes: list[str]) ->
     else:
         for component, numbers in values.items():
             F[:, int(component[0]) - 1, int(component[1]) - 1] = numbers
+    if np.ptp(F, axis=0).max() < FIXED:
+        raise CaseError("the deformation does not change: there is nothing to fit", file=table.path)
     for line, value in zip(table.lines, np.linalg.det(F), strict=True):
         if not 1e-6 < value < 1e6:
             message = "the deformation leaves no usable area"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.errors import CaseError
@@ -116,13 +117,28 @@ def tables_of(model: Model, state: State) -> dict[str, tuple[int, str]]:
     }
 
 
-def refuse_to_overwrite(model: Model, output: Output) -> None:
-    """Raise CaseError where the folder holds a run that was not finished: a new one would remove it. Collective."""
-    folder = output.directory / "checkpoints"
-    meta = checkpoint.newest_meta(folder, model.grid.comm)
-    if meta is not None and not meta.get("finished"):
+def refuse_to_overwrite(directory: Path, comm: MPI.Comm, *, finished: bool) -> None:
+    """Raise CaseError where a folder holds a run that a new one would remove.
+
+    Args:
+        directory: Folder of the run.
+        comm: Communicator of the run.
+        finished: Whether that holds for a finished one too.
+
+    Note:
+        Collective.
+    """
+    folder = directory / "checkpoints"
+    meta = checkpoint.newest_meta(folder, comm)
+    there = comm.bcast(bool(checkpoint.list_checkpoints(folder)) if comm.rank == 0 else None)
+    if meta is not None and meta.get("finished"):
+        if finished:
+            message = "this folder holds a finished run; --overwrite replaces it, another --out keeps it"
+            raise CaseError(message, file=directory)
+    elif there:
+        when = f"t = {meta['t']:.6g} s" if meta else "its newest checkpoint cannot be read"
         raise CaseError(
-            f"this folder holds a run that is not finished (t = {meta['t']:.6g} s); --resume goes on with it, "
-            "another --out or removing the folder starts anew",
-            file=output.directory,
+            f"this folder holds a run that is not finished ({when}); --resume goes on with it, another --out or "
+            "removing the folder starts anew",
+            file=directory,
         )
