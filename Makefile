@@ -33,7 +33,7 @@ $(STAMP): pyproject.toml
 	@touch $@
 
 demo: $(STAMP) ## the compressed block in a box of fluid on two ranks: table, pictures, ParaView series
-	$(MPIRUN) -n $(RANKS) $(BIN)/python -m valvefsi bench compression --out results/compression
+	$(MPIRUN) -n $(RANKS) $(BIN)/python -m valvefsi bench compression --overwrite --out results/compression
 
 test: $(STAMP) ## the test suite on one rank
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(PYTEST) -m 'not slow' $(ARGS)

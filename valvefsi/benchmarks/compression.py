@@ -19,6 +19,7 @@ from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.case import Case, parse_case
 from valvefsi.case.build import build, write_case
 from valvefsi.case.overrides import split_override
+from valvefsi.case.resuming import clear, run_folder
 from valvefsi.io.history import read_history
 from valvefsi.run.planning import plan as make_plan
 from valvefsi.run.simulation import Outcome, Progress, Simulation
@@ -69,6 +70,7 @@ def run(
     out: Path = Path("results/compression"),
     plan: bool = False,
     resume: bool = False,
+    overwrite: bool = False,
     comm: MPI.Comm = MPI.COMM_WORLD,
     progress: Progress | None = None,
 ) -> dict[str, object]:
@@ -79,6 +81,7 @@ def run(
         out: Folder of the results.
         plan: Return the plan only.
         resume: Go on from the last checkpoint in the folder.
+        overwrite: Replace a run in the folder.
         comm: Communicator.
         progress: Called after every step.
 
@@ -92,12 +95,23 @@ def run(
         Collective.
     """
     case = compression_case(setup)
-    simulation = build(case, out, comm)
     if plan:
-        return {"plan": make_plan(simulation)}
-    write_case(case, out, comm)
-    reference = static_reference(simulation, case)
-    outcome = simulation.run(resume=resume, progress=progress)
+        return {"plan": make_plan(build(case, out, comm))}
+    with run_folder(case, out, comm, resume=resume, overwrite=overwrite) as changes:
+        simulation = build(case, out, comm, changes)
+        if overwrite and not resume:
+            clear(out, comm)
+        write_case(case, out, comm, changes)
+        reference = static_reference(simulation, case)
+        outcome = simulation.run(resume=resume, progress=progress)
+        return _written(setup, case, (simulation, outcome), reference, out)
+
+
+def _written(
+    setup: Setup, case: Case, ran: tuple[Simulation, Outcome], reference: dict[str, float], out: Path
+) -> dict[str, object]:
+    """Return the result, written and drawn. Collective."""
+    simulation, outcome = ran
     result = _result(case, simulation, outcome, reference)
     result["parameters"] = {
         "elements": setup.elements,
@@ -106,7 +120,7 @@ def run(
         "nu_stab": "off" if setup.nu_stab is None else setup.nu_stab,
         **_parameters(case),
     }
-    write_result(out, result, comm)
+    write_result(out, result, simulation.model.grid.comm)
     lines = {
         "u_y_top_centre_cm": ("statics", reference["u_y_top_centre_cm"]),
         "block_area_change_percent": ("incompressible", 0.0),

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING
 
+from valvefsi.case.fluid_tables import Grid, Side, Sides
+from valvefsi.case.models import MOST_STEPS, SHAPES, Case, Solid
 from valvefsi.case.overrides import nearest
 from valvefsi.errors import CaseError
-
-if TYPE_CHECKING:
-    from valvefsi.case.fluid_tables import Grid, Side, Sides
-    from valvefsi.case.models import Case, Solid
 
 REACH = {
     "piecewise_linear": 1.0,
@@ -57,6 +54,9 @@ def check_case(case: Case) -> None:
         raise CaseError(
             f"expected at least one time step, {case.dt:g} s", key="time.t_end", value=case.time.t_end
         )
+    if case.time.t_end > MOST_STEPS * case.dt:
+        message = f"expected at most {MOST_STEPS:g} time steps of {case.dt:g} s"
+        raise CaseError(message, key="time.t_end", value=case.time.t_end)
 
 
 def check_against_mesh(
@@ -154,8 +154,6 @@ def _check_solid(case: Case, solid: Solid, key: str) -> None:
             raise CaseError(
                 f"the grid has {dim} dimensions; expected {fits}", key=f"{key}.mesh.shape", value=mesh.shape
             )
-        from valvefsi.case.models import SHAPES
-
         upper = [a + b for a, b in zip(mesh.lower, mesh.size, strict=True)]
         _check_tags(solid, key, SHAPES[mesh.shape][1])
         _check_place(case, solid, (mesh.lower, upper), f"{key}.mesh.lower", list(mesh.lower))

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
-import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields
-from pathlib import Path
 from typing import Any
 
 from pydantic_core import PydanticCustomError
@@ -25,28 +22,19 @@ def _problem(message: str, key: str, value: object = None) -> PydanticCustomErro
     return PydanticCustomError("case", "{message}", {"message": message, "key": key, "value": value})
 
 
-@contextlib.contextmanager
-def modules_beside(file: Path | None) -> Iterator[None]:
-    """Let import paths of materials lead to modules in the folder of the case and in the current one."""
-    folders = [str(Path.cwd()), *([str(file.resolve().parent)] if file else [])]
-    before = list(sys.path)
-    sys.path[:0] = folders[::-1]
-    try:
-        yield
-    finally:
-        sys.path[:] = before
-
-
 def material_kind(model: object) -> type:
-    """Return the class of a material: a name, or an import path.
+    """Return the class of a material: a name, or "FILE:CLASS" of one that was loaded.
 
     Raises:
         PydanticCustomError: There is no such material.
     """
     from valvefsi.solid.materials import MATERIALS, find_material
 
-    if not isinstance(model, str) or not (model in MATERIALS or "." in model or ":" in model):
-        raise _problem(f"unknown material{nearest(model, list(MATERIALS))}", "model", model)
+    if not isinstance(model, str) or not (model in MATERIALS or ":" in model):
+        hint = (
+            '; one of your own is "FILE.py:CLASS"' if "." in str(model) else nearest(model, list(MATERIALS))
+        )
+        raise _problem(f"unknown material{hint}", "model", model)
     try:
         return find_material(model)
     except CaseError as error:
@@ -195,7 +183,7 @@ def _read_direction(value: object, path: str) -> object:
 
 
 def material_schemas() -> list[dict[str, object]]:
-    """Return the JSON schema of each material of `MATERIALS`; one of your own has an import path."""
+    """Return the JSON schema of each material of `MATERIALS`; one of your own has a file."""
     from valvefsi.solid.materials import MATERIALS
     from valvefsi.solid.materials.presets import PRESETS
 
@@ -211,7 +199,7 @@ def material_schemas() -> list[dict[str, object]]:
         }
         schema = {"type": "object", "properties": named, "additionalProperties": False}
         schemas.append({**schema, "anyOf": [{"required": ["model", *required]}, {"required": ["preset"]}]})
-    own = {"type": "string", "pattern": "[.:]", "description": "import path of a material of your own"}
+    own = {"type": "string", "pattern": ":", "description": "FILE.py:CLASS, a material of your own"}
     return [*schemas, {"type": "object", "properties": {"model": own}, "required": ["model"]}]
 
 

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from valvefsi.case.expressions import Expression, TimeTable, read_table
 from valvefsi.case.fluid_tables import SIDES, Side
 from valvefsi.case.models import Case
+from valvefsi.case.sizes import check_size
 from valvefsi.errors import CaseError
 from valvefsi.fluid import boundary
 from valvefsi.fluid.boundary import Boundary
@@ -22,7 +23,8 @@ EXPLICIT_SHARE = 0.5
 
 
 def build_grid(case: Case, comm: MPI.Comm) -> MacGrid:
-    """Build the grid of a case."""
+    """Build the grid of a case; one that the memory cannot hold is refused first."""
+    check_size(case, comm)
     grid = case.grid
     periodic = [case.fluid.sides.periodic(axis) for axis in range(grid.dim)]
     try:

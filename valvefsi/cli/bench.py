@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import HELP, Out, Plan, Resume, Set
+from valvefsi.cli.options import HELP, Out, Overwrite, Plan, Resume, Set
 from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
 from valvefsi.errors import CaseError
@@ -43,6 +43,7 @@ class Compression:
     out: Out = None
     plan: Plan = False
     resume: Resume = False
+    overwrite: Overwrite = False
 
 
 @bench.command()
@@ -70,6 +71,7 @@ def compression(given: Compression) -> None:
             out=folder,
             plan=plan,
             resume=given.resume,
+            overwrite=given.overwrite,
             comm=comm,
             progress=progress,
         )

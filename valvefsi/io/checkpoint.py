@@ -3,10 +3,10 @@
 Layout of ``step_00001234.vfc``: magic, length of the header, CRC-32 of the header (8 bytes each), the header
 (JSON), then the arrays in C order, one after another. The header holds a checksum of each array,
 
-    c = sum_i w_i (2 i + 1) mod 2^64,    w_i the i-th 64-bit word,
+    c = sum_i A(w_i xor g (i + 1)) mod 2^64,    w_i the i-th 64-bit word, g odd, A the last mixing of XXH64,
 
-which every rank adds its part to, so that it does not depend on how the array is distributed. The weights are
-odd: one wrong bit always changes c.
+which every rank adds its part to, so that it does not depend on how the array is distributed. Each word in its place
+is mixed to all bits before it is added: whatever is wrong changes c, but for one chance in 2^64.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import warnings
 import zlib
 from collections.abc import Mapping
@@ -27,12 +28,19 @@ from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError, raise_together
 
-MAGIC = b"VFSISTA2"
-OLD = b"VFSISTA1"
-"""Of an earlier format, whose states were not grouped by body."""
+MAGIC = b"VFSISTA3"
+OLD = (b"VFSISTA1", b"VFSISTA2")
+"""Of earlier formats, with other states and checksums."""
 PREFIX = 24
 CHUNK = 1 << 21
 MASK = (1 << 64) - 1
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+AVALANCHE = (
+    (np.uint64(33), np.uint64(0xC2B2AE3D27D4EB4F)),
+    (np.uint64(29), np.uint64(0x165667B19E3779F9)),
+)
+TYPES = ("<f8", "<i8", "<u8")
+NAME = re.compile(r"step_(\d+)\.vfc")
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,19 @@ class Rows:
     data: NDArray[Any]
     ids: NDArray[Any]
     count: int
+
+
+def _mixed(words: NDArray[np.uint64], places: NDArray[np.uint64]) -> int:
+    """Return the sum of the mixed words; ``places`` (index + 1) is overwritten."""
+    x = places
+    with np.errstate(over="ignore"):
+        x *= GOLDEN
+        x ^= words
+        for shift, factor in AVALANCHE:
+            x ^= x >> shift
+            x *= factor
+        x ^= x >> np.uint64(32)
+        return int(x.sum())
 
 
 Request = Mapping[str, tuple[tuple[int, ...], tuple[int, ...]]]
@@ -167,7 +188,10 @@ def load_latest(
 
 def list_checkpoints(directory: Path) -> list[Path]:
     """Return the checkpoints in a folder, oldest step first."""
-    return sorted(Path(directory).glob("step_*.vfc"), key=lambda path: int(path.stem.removeprefix("step_")))
+    found = [
+        (NAME.fullmatch(path.name), path) for path in Path(directory).glob("step_*.vfc") if path.is_file()
+    ]
+    return [path for _, path in sorted((int(match[1]), path) for match, path in found if match)]
 
 
 def newest_meta(directory: Path, comm: MPI.Comm) -> dict[str, object] | None:
@@ -191,17 +215,15 @@ class _Part:
 
     def checksum(self) -> int:
         """Return what this part adds to the checksum of the array."""
-        total = 0
         strides = [math.prod(self.shape[axis + 1 :]) for axis in range(len(self.shape))]
-        inner = np.zeros(self.words.shape[1:], dtype=np.uint64)
+        inner = np.ones(self.words.shape[1:], dtype=np.uint64)
         for axis in range(1, len(self.shape)):
             line = (self.index[axis] * strides[axis]).astype(np.uint64)
             inner += line.reshape([-1 if a == axis else 1 for a in range(1, len(self.shape))])
-        with np.errstate(over="ignore"):
-            for i, words in zip(self.index[0].tolist(), self.words, strict=True):
-                weights = np.uint64(2) * (inner + np.uint64(i * strides[0])) + np.uint64(1)
-                total += int((words * weights).sum())
-        return total & MASK
+        first = (self.index[0] * strides[0]).astype(np.uint64).reshape([-1] + [1] * inner.ndim)
+        slab = max(1, CHUNK // max(1, inner.size))
+        parts = (slice(k, k + slab) for k in range(0, len(first), slab))
+        return sum(_mixed(self.words[part], inner + first[part]) for part in parts) & MASK
 
     def file_type(self) -> MPI.Datatype:
         """Return where the words go in the file, counted from the start of the array."""
@@ -337,7 +359,7 @@ def _read_header(path: Path) -> tuple[dict[str, Any], str | None]:
     try:
         with path.open("rb") as file:
             prefix = file.read(PREFIX)
-            if prefix[:8] == OLD:
+            if prefix[:8] in OLD:
                 return (
                     {},
                     "a checkpoint of an earlier version, which this one does not read: start the run anew",
@@ -352,8 +374,12 @@ def _read_header(path: Path) -> tuple[dict[str, Any], str | None]:
             return {}, "wrong checksum of the header"
         header = json.loads(text)
         size, expected = path.stat().st_size, PREFIX + length + header["bytes"]
+        if any(entry["dtype"] not in TYPES for entry in header["arrays"].values()):
+            return {}, "an array of no numbers"
     except OSError as failure:
-        return {}, str(failure)
+        return {}, str(failure.strerror)
+    except (ValueError, KeyError, TypeError, AttributeError):  # a header that this package did not write
+        return {}, "not a checkpoint"
     header["data"] = PREFIX + length
     return header, None if size == expected else f"{size} bytes instead of {expected}"
 
@@ -367,8 +393,7 @@ def _sum_of_share(path: Path, start: int, size: int, comm: MPI.Comm) -> int:
         words = np.fromfile(path, dtype=np.uint64, count=count, offset=start + 8 * begin)
         if len(words) < count:
             raise ValueError("the file ends too early")
-        weights = np.arange(2 * begin + 1, 2 * (begin + count) + 1, 2, dtype=np.uint64)
-        total += int((words * weights).sum())
+        total += _mixed(words, np.arange(begin + 1, begin + count + 1, dtype=np.uint64))
     return total & MASK
 
 

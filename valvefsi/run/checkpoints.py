@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.errors import CaseError
 from valvefsi.fsi import Model, State
 from valvefsi.io import checkpoint
+from valvefsi.run.energy import EnergyMeter
 from valvefsi.run.forces import ForceMeter
 from valvefsi.run.recording import Output, grid_part
 from valvefsi.run.statistics import Statistics
@@ -25,16 +27,18 @@ class Memory:
     Attributes:
         statistics: Running averages.
         forces: Forces between rows.
+        energy: Balance of energy.
     """
 
     statistics: Statistics
     forces: ForceMeter
+    energy: EnergyMeter
 
 
 def memory_of(model: Model, output: Output) -> Memory:
     """Return the memory of a run that begins."""
     statistics = Statistics(model.grid, start=output.averages_from, lines=output.lines)
-    return Memory(statistics, ForceMeter(model, output.forces))
+    return Memory(statistics, ForceMeter(model, output.forces), EnergyMeter(model, output.energy))
 
 
 def save_state(model: Model, state: State, output: Output, memory: Memory, *, finished: bool = False) -> Path:
@@ -57,7 +61,8 @@ def save_state(model: Model, state: State, output: Output, memory: Memory, *, fi
     meta["dt_stable"] = state.dt_stable if math.isfinite(state.dt_stable) else None
     meta["circuits"] = [float(value) for value in state.circuits]
     meta["given"] = state.given.tolist()
-    meta["statistics"], meta["forces"] = statistics.meta(), memory.forces.meta()
+    meta["statistics"] = statistics.meta()
+    meta["forces"], meta["energy"] = memory.forces.meta(), memory.energy.meta()
     meta["provenance"] = dict(output.provenance)
     folder = output.directory / "checkpoints"
     return checkpoint.save(folder, state.step, fields, rows, meta, grid.comm, keep=output.keep_checkpoints)
@@ -80,6 +85,7 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     meta, fields, points = found
     statistics.restore({name: fields[name] for name in averages}, meta.get("statistics", {}))
     memory.forces.restore(meta.get("forces"))
+    memory.energy.restore(meta.get("energy"))
     arrays = {name: grid.zeros() for name in places}
     for name, place in places.items():
         arrays[name][place] = fields[name]
@@ -111,13 +117,28 @@ def tables_of(model: Model, state: State) -> dict[str, tuple[int, str]]:
     }
 
 
-def refuse_to_overwrite(model: Model, output: Output) -> None:
-    """Raise CaseError where the folder holds a run that was not finished: a new one would remove it. Collective."""
-    folder = output.directory / "checkpoints"
-    meta = checkpoint.newest_meta(folder, model.grid.comm)
-    if meta is not None and not meta.get("finished"):
+def refuse_to_overwrite(directory: Path, comm: MPI.Comm, *, finished: bool) -> None:
+    """Raise CaseError where a folder holds a run that a new one would remove.
+
+    Args:
+        directory: Folder of the run.
+        comm: Communicator of the run.
+        finished: Whether that holds for a finished one too.
+
+    Note:
+        Collective.
+    """
+    folder = directory / "checkpoints"
+    meta = checkpoint.newest_meta(folder, comm)
+    there = comm.bcast(bool(checkpoint.list_checkpoints(folder)) if comm.rank == 0 else None)
+    if meta is not None and meta.get("finished"):
+        if finished:
+            message = "this folder holds a finished run; --overwrite replaces it, another --out keeps it"
+            raise CaseError(message, file=directory)
+    elif there:
+        when = f"t = {meta['t']:.6g} s" if meta else "its newest checkpoint cannot be read"
         raise CaseError(
-            f"this folder holds a run that is not finished (t = {meta['t']:.6g} s); --resume goes on with it, "
-            "another --out or removing the folder starts anew",
-            file=output.directory,
+            f"this folder holds a run that is not finished ({when}); --resume goes on with it, another --out or "
+            "removing the folder starts anew",
+            file=directory,
         )
