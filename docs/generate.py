@@ -257,6 +257,14 @@ def set_formulas(app: object, what: str, name: str, obj: object, options: object
             formula = True
         elif line.strip() and not line.startswith(" "):
             formula = False
+        elif (
+            line.startswith(" ")
+            and not formula
+            and new
+            and new[-1][:1] not in ("", " ")
+            and not _in_field(new)
+        ):
+            line = line.lstrip()  # a paragraph whose second line hangs
         new.append(line if formula else _escaped(line))
     lines[:] = new
 
