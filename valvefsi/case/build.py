@@ -185,7 +185,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
         )
     check_against_mesh(case, number, tags=mesh.names, lower=lower, upper=upper)
     key = f"solid.{given.name}"
-    mesh = add_fibres(mesh, given.fibre, key)
+    mesh = add_fibres(mesh, given.fibre, key, given.material)
     say_provenance(given.material, key, comm)
     try:
         return Structure(

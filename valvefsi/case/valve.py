@@ -26,6 +26,8 @@ KERNEL = "piecewise_linear"
 def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
     """Mesh the leaflets of a valve for a grid of spacing h, with fibre fields fibre_1, ... and fibre, the first.
 
+    The leaflets' own directions are the fields circumferential and radial.
+
     Note:
         Collective.
     """
