@@ -26,7 +26,8 @@ from valvefsi.benchmarks.parameters import read_quantities
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.benchmarks.wall_offset import wall_offset
 from valvefsi.bodies.rigid import RigidSurface
-from valvefsi.coupling.kernels import KERNELS, largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
+from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Open, Wall
@@ -188,7 +189,7 @@ def march(
     forces = np.zeros((steps, 3))
     for k in range(steps):
         old, state = state, fsi.step(model, state, dt)
-        forces[k] = (state.impulse - old.impulse)[0] / dt
+        forces[k] = (state.given - old.given)[0, :3] / dt
         if progress is not None:
             progress(k + 1, state.t, t_end, {})
     t = dt * (np.arange(steps) + 0.5)

@@ -18,7 +18,7 @@ from valvefsi import fsi
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.bodies.rigid import RigidSurface
-from valvefsi.coupling.kernels import largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, Disk, Mixed, Open

@@ -44,7 +44,8 @@ from valvefsi.errors import CaseError, StabilityError
 from valvefsi.grid import Array
 from valvefsi.io.checkpoint import newest_meta
 from valvefsi.post import diagnostics
-from valvefsi.run.recording import Output, load_state, memory_of, refuse_to_overwrite, save_state
+from valvefsi.run.checkpoints import load_state, memory_of, refuse_to_overwrite, save_state
+from valvefsi.run.recording import Output
 from valvefsi.runtime.memory import keep_freed_memory
 
 PARAMETERS = {
@@ -184,7 +185,7 @@ class Watch:
 
     def _force(self, state: fsi.State) -> Array:
         """Return the mean force of the fluid on all bodies since the last row."""
-        gained = -(state.impulse - self.since.impulse).sum(axis=0)
+        gained = -(state.given - self.since.given)[:, :3].sum(axis=0)
         for sign, s in ((1.0, state), (-1.0, self.since)):
             for body, q in zip(self.model.bodies, s.bodies, strict=True):
                 gained += sign * body.momentum(q, s.u, self.model.fluid.rho)

@@ -47,9 +47,9 @@ class HeavyHalf(ElasticHalf):
     Y: Array
     V: Array
 
-    def whole(self, u_half: Faces) -> Table:
-        """Return the state after the step. Collective."""
-        return super().whole(u_half) | {"Y": self.Y, "V": self.V}
+    def whole(self, U: Array) -> Table:
+        """Return the state after the step."""
+        return super().whole(U) | {"Y": self.Y, "V": self.V}
 
 
 class Heavy(Elastic):

@@ -45,9 +45,13 @@ class RigidHalf:
         """Add the forces to the force density f on the faces [dyn/cm^3]. Collective."""
         self.transfer.spread(self.force, out=f)
 
-    def whole(self, u_half: Faces) -> Table:
-        """Return the state after the step, carried by the velocity at its middle. Collective."""
-        return {"d": (1.0 - self.dt * self.slip) * self.d + self.dt * self.transfer.interpolate(u_half)}
+    def velocity(self, u_half: Faces) -> Array:
+        """Return the velocity of the fluid at the points, ``(n, 3)`` [cm/s]. Collective."""
+        return self.transfer.interpolate(u_half)
+
+    def whole(self, U: Array) -> Table:
+        """Return the state after the step, carried by the velocity U at its middle."""
+        return {"d": (1.0 - self.dt * self.slip) * self.d + self.dt * U}
 
 
 class RigidSurface(BodyBase):
@@ -117,7 +121,7 @@ class RigidSurface(BodyBase):
         """Return the surface with a clock around its transfer."""
         other = copy(self)
         phases = {"spread": "rigid surfaces", "interpolate": "rigid surfaces"}
-        other.transfer = Timed(self.transfer, table, phases)  # type: ignore[assignment]
+        other.transfer = Timed(self.transfer, table, phases)
         return other
 
     def series(self, folder: Path, comm: MPI.Comm, resume_time: float | None) -> NoSeries:

@@ -16,7 +16,7 @@ from valvefsi.case.writing import to_dict
 from valvefsi.errors import CaseError
 from valvefsi.io import checkpoint
 from valvefsi.io.folder import held
-from valvefsi.run.recording import refuse_to_overwrite
+from valvefsi.run.checkpoints import refuse_to_overwrite
 
 FREE = re.compile(
     r"title|time\.(t_end|max_recoveries)|output\.(frames|history_every|checkpoint_every|checkpoint_wall"

@@ -20,6 +20,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -52,7 +53,7 @@ class Block:
         shape: Shape of the whole array.
     """
 
-    data: NDArray
+    data: NDArray[Any]
     start: tuple[int, ...]
     shape: tuple[int, ...]
 
@@ -67,8 +68,8 @@ class Rows:
         count: Number of rows of the whole table.
     """
 
-    data: NDArray
-    ids: NDArray
+    data: NDArray[Any]
+    ids: NDArray[Any]
     count: int
 
 
@@ -86,7 +87,7 @@ def _mixed(words: NDArray[np.uint64], places: NDArray[np.uint64]) -> int:
 
 
 Request = Mapping[str, tuple[tuple[int, ...], tuple[int, ...]]]
-Arrays = dict[str, NDArray]
+Arrays = dict[str, NDArray[Any]]
 
 
 def save(
@@ -94,7 +95,7 @@ def save(
     step: int,
     fields: Mapping[str, Block],
     rows: Mapping[str, Rows],
-    meta: Mapping[str, object],
+    meta: Mapping[str, Any],
     comm: MPI.Comm,
     keep: int = 2,
 ) -> Path:
@@ -147,8 +148,8 @@ def save(
 
 
 def load_latest(
-    directory: Path, request: Request, rows_request: Mapping[str, NDArray], comm: MPI.Comm
-) -> tuple[dict[str, object], Arrays, Arrays] | None:
+    directory: Path, request: Request, rows_request: Mapping[str, NDArray[Any]], comm: MPI.Comm
+) -> tuple[dict[str, Any], Arrays, Arrays] | None:
     """Read the newest checkpoint that is whole.
 
     Args:
@@ -207,7 +208,7 @@ class _Part:
     """This rank's part of one array: its words in the order of the file, and where they go."""
 
     words: NDArray[np.uint64]
-    index: tuple[NDArray, ...]
+    index: tuple[NDArray[Any], ...]
     shape: tuple[int, ...]
     dtype: str
     problem: str | None = None
@@ -264,7 +265,7 @@ def _rows_part(rows: Rows) -> _Part:
 
 
 def _header(
-    step: int, parts: Mapping[str, _Part], meta: Mapping[str, object], comm: MPI.Comm
+    step: int, parts: Mapping[str, _Part], meta: Mapping[str, Any], comm: MPI.Comm
 ) -> tuple[bytes, dict[str, int]]:
     """Return the first bytes of the file and the offset of each array in it (collective)."""
     problem = next(((n, p.problem) for n, p in parts.items() if p.problem), None)
@@ -275,7 +276,7 @@ def _header(
     for (name, part), (size, checksum) in zip(parts.items(), totals, strict=True):
         if size != math.prod(part.shape):
             raise CaseError(f"the ranks hold {size} of {math.prod(part.shape)} entries", key=name)
-        entry = {
+        entry: dict[str, Any] = {
             "shape": part.shape,
             "dtype": part.dtype,
             "offset": offset,
@@ -301,7 +302,7 @@ def _write(
     """Write the file on all ranks together and force it to the disk."""
     error = None
     try:
-        file = MPI.File.Open(comm, str(path), MPI.MODE_CREATE | MPI.MODE_WRONLY)
+        file = MPI.File.Open(cast(MPI.Intracomm, comm), str(path), MPI.MODE_CREATE | MPI.MODE_WRONLY)
     except MPI.Exception as failure:
         raise_together(comm, OSError(f"cannot write {path}: {failure}"))
     raise_together(comm, None)
@@ -331,7 +332,7 @@ def _remove_old(path: Path, keep: int) -> None:
         torn.unlink(missing_ok=True)
 
 
-def _inspect(path: Path, comm: MPI.Comm) -> tuple[dict, str | None]:
+def _inspect(path: Path, comm: MPI.Comm) -> tuple[dict[str, Any], str | None]:
     """Return the header of a file and what is wrong with the file, on all ranks alike (collective)."""
     header, reason = comm.bcast(_read_header(path) if comm.rank == 0 else None, root=0)
     if reason is not None:
@@ -354,7 +355,7 @@ def _inspect(path: Path, comm: MPI.Comm) -> tuple[dict, str | None]:
     return header, None
 
 
-def _read_header(path: Path) -> tuple[dict, str | None]:
+def _read_header(path: Path) -> tuple[dict[str, Any], str | None]:
     try:
         with path.open("rb") as file:
             prefix = file.read(PREFIX)
@@ -397,8 +398,12 @@ def _sum_of_share(path: Path, start: int, size: int, comm: MPI.Comm) -> int:
 
 
 def _read(
-    path: Path, header: dict, request: Request, rows_request: Mapping[str, NDArray], comm: MPI.Comm
-) -> tuple[dict[str, object], Arrays, Arrays]:
+    path: Path,
+    header: dict[str, Any],
+    request: Request,
+    rows_request: Mapping[str, NDArray[Any]],
+    comm: MPI.Comm,
+) -> tuple[dict[str, Any], Arrays, Arrays]:
     """Read this rank's parts of a file that is known to be whole (collective)."""
     error, fields, rows = None, {}, {}
     try:
@@ -427,7 +432,7 @@ def _read(
     return {**header["meta"], "step": header["step"]}, fields, rows
 
 
-def _array(path: Path, header: dict, name: str) -> NDArray:
+def _array(path: Path, header: dict[str, Any], name: str) -> NDArray[Any]:
     """Map an array of the file into memory, without reading it."""
     if name not in header["arrays"]:
         raise CaseError(f"not in the file, it holds {', '.join(header['arrays'])}", file=path, key=name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from valvefsi.grid import Array, MacGrid
 from valvefsi.io.history import read_history
 from valvefsi.post import diagnostics
 from valvefsi.run.recording import Output, grid_part
+
+if TYPE_CHECKING:
+    from valvefsi.solid.structure import Structure
 
 ALWAYS = {"kinetic_energy_erg": "kinetic energy [erg]", "courant": "Courant number [-]"}
 """What is drawn where a run has no solid."""
@@ -57,7 +61,7 @@ def draw(
     return model.grid.comm.bcast(last)
 
 
-def _pairs(model: Model, state: State) -> list[tuple]:
+def _pairs(model: Model, state: State) -> list[tuple[Structure, Array]]:
     pairs = zip(model.bodies, state.bodies, strict=True)
     return [(body.solid, q["chi"]) for body, q in pairs if body.solid is not None]
 
@@ -132,7 +136,7 @@ def _label(column: str) -> str:
 
 
 def _draw_flow(
-    path: Path, grid: MacGrid, flow: tuple[Array, Array], solids: list, heading: tuple[str, str]
+    path: Path, grid: MacGrid, flow: tuple[Array, Array], solids: list[Any], heading: tuple[str, str]
 ) -> None:
     from valvefsi.post.plots import base as plots
 

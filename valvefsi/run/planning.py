@@ -124,7 +124,8 @@ def _limits(simulation: Simulation) -> list[Entry]:
 def _cost(simulation: Simulation) -> list[Entry]:
     model, schedule = simulation.model, simulation.schedule
     state = simulation.initial or fsi.initial_state(model, schedule.dt)
-    times, fluid, parts = [], [], defaultdict(float)
+    parts: dict[str, float] = defaultdict(float)
+    times, fluid = [], []
     clocked = timed(model, parts)
     for _ in range(TRIAL_STEPS):
         model.grid.comm.barrier()

@@ -9,6 +9,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -19,16 +20,9 @@ from valvefsi.fsi import Model, State
 from valvefsi.grid import MacGrid
 from valvefsi.io.checkpoint import list_checkpoints
 from valvefsi.post import diagnostics
+from valvefsi.run.checkpoints import load_state, memory_of, refuse_to_overwrite, save_state
 from valvefsi.run.health import Health
-from valvefsi.run.recording import (
-    Output,
-    Recorder,
-    box_of,
-    load_state,
-    memory_of,
-    refuse_to_overwrite,
-    save_state,
-)
+from valvefsi.run.recording import Output, Recorder, box_of
 from valvefsi.run.schedule import AdaptiveSchedule, Schedule
 from valvefsi.run.stable_step import stable_step
 from valvefsi.runtime.clock import Timed
@@ -118,7 +112,9 @@ class Simulation:
         state = self._first_state(resume)
         first = state.step
         try:
-            recorder = Recorder(self.model, self.output, self.memory, state if resume else None)
+            recorder = Recorder(
+                self.model, self.output, self.memory.statistics, self.memory.forces, state if resume else None
+            )
             if not resume:
                 self._record(recorder, None, state)
             started = time.perf_counter()
@@ -342,5 +338,5 @@ def timed(model: Model, table: dict[str, float]) -> Model:
         model: The model.
         table: Wall-clock time by phase, added to [s].
     """
-    fluid = Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"})
+    fluid: Any = Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"})
     return replace(model, fluid=fluid, bodies=tuple(body.timed(table) for body in model.bodies))
