@@ -6,6 +6,7 @@ import importlib.util
 import json
 import re
 import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -150,7 +151,7 @@ def test_every_command_of_a_document_is_understood(path):
 
 
 @pytest.mark.parametrize(
-    ("path", "words"), commands_of_results(), ids=lambda part: getattr(part, "stem", None)
+    ("path", "words"), list(commands_of_results()), ids=lambda part: getattr(part, "stem", None)
 )
 def test_the_command_behind_a_number_is_understood(path, words):
     understand(words, whole=True)
@@ -198,3 +199,14 @@ def test_a_demo_becomes_a_page():
     assert page.splitlines()[2] == "# The smallest coupled run"
     assert "```python\nimport os" in page
     assert "# %%" not in page
+
+
+@pytest.mark.slow
+@pytest.mark.serial
+def test_the_documents_build_without_a_warning(tmp_path):
+    pytest.importorskip("sphinx", reason="make docs installs it")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(ROOT / "docs")]
+    done = subprocess.run([*command, str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-4000:]
+    for page in ("index.html", "generated/tutorials/01_minimal.html", "generated/api/fsi.html"):
+        assert (tmp_path / page).exists()

@@ -112,6 +112,10 @@ class Elastic(BodyBase):
         U = self.coupling.at(q["chi"]).interpolate(u)
         return self.solid.comm.allreduce(rho * self.solid.weights @ U)
 
+    def stored(self, q: Table) -> float:
+        """Return the elastic energy and that of its tethers [erg] (collective)."""
+        return self.solid.energy(q["chi"]) + self.solid.tether_energy(q["chi"])
+
     @property
     def _change(self) -> str:
         return f"{self.name}_{'area' if self.coupling.grid.dim == 2 else 'volume'}_change_percent"

@@ -121,6 +121,10 @@ class Heavy(Elastic):
             V=V_new,
         )
 
+    def stored(self, q: Table) -> float:
+        """Return the elastic energy, that of its tethers and the kinetic one of its excess mass [erg] (collective)."""
+        return super().stored(q) + self.kinetic_energy(q)
+
     def excess_momentum(self, q: Table) -> Array:
         """Return the momentum of its excess mass, ``(3,)`` [g cm/s] (collective)."""
         return self.coupling.grid.comm.allreduce((self.mass * q["V"]).sum(axis=0))

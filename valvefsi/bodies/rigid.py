@@ -94,7 +94,7 @@ class RigidSurface(BodyBase):
         if not stiffness > 0.0 or not damping >= 0.0 or not slip >= 0.0:
             message = "expected stiffness > 0, damping >= 0 and slip >= 0"
             raise ValueError(f"{message}, got {stiffness}, {damping}, {slip}")
-        self.name = name
+        self.name, self.comm = name, coupling.grid.comm
         self.stiffness, self.damping, self.slip = float(stiffness), float(damping), float(slip)
         self.ids = np.asarray(coupling.own(points), dtype=np.int64)
         self.num_points = len(points)
@@ -112,6 +112,11 @@ class RigidSurface(BodyBase):
         U = self.transfer.interpolate(u)
         force = self.force(q["d"] + 0.5 * dt * U, U)
         return RigidHalf(q["d"], force, self.transfer, self.slip, dt)
+
+    def stored(self, q: Table) -> float:
+        """Return the energy of its springs [erg] (collective)."""
+        here = 0.5 * self.stiffness * float(self.weights @ (q["d"] ** 2).sum(axis=1))
+        return self.comm.allreduce(here)
 
     def force(self, d: Array, U: Array) -> Array:
         """Return the force on the fluid of points carried by d and moving with U, ``(n, 3)`` [dyn]."""

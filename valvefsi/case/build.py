@@ -31,8 +31,10 @@ from valvefsi.geometry import mesh as meshes
 from valvefsi.geometry import shapes
 from valvefsi.grid import MacGrid
 from valvefsi.io.folder import write_text
+from valvefsi.io.history import read_history
 from valvefsi.post.diagnostics import Section
 from valvefsi.post.diagnostics.control_volume import ControlVolume
+from valvefsi.run.energy import balance
 from valvefsi.run.forces import ForceOutput
 from valvefsi.run.planning import plan
 from valvefsi.run.recording import Output, Probe
@@ -155,6 +157,9 @@ def run_case(
         if changes:
             result["changes"] = list(changes)
         if comm.rank == 0:
+            if case.output.energy:
+                history = read_history(out / "history.csv")
+                result["energy"] = balance(history, history["t_s"][0], history["t_s"][-1])
             result |= report_valve(case, out)
             write_text(out / "summary.json", json.dumps(result, indent=2) + "\n")
     return result
@@ -301,6 +306,7 @@ def _output(case: Case, out: Path, grid: MacGrid, changes: Changes) -> Output:
         keep_checkpoints=case.output.keep_checkpoints,
         probes=probes,
         forces=_forces(case, grid),
+        energy=case.output.energy,
         orifice=find_orifice(case),
         averages_from=case.output.averages_from,
         lines={

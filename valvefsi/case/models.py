@@ -308,6 +308,9 @@ class Output(Table):
     dissipation: bool = Field(
         False, description="Whether the history holds the viscous dissipation of the box"
     )
+    energy: bool = Field(
+        False, description="Whether the history holds the balance of energy, see `valvefsi.run.energy`"
+    )
     stress: tuple[SolidQuantity, ...] = Field(
         (),
         description="Stresses and strains of the solids in ParaView files beside the frames: "

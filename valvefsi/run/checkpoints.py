@@ -14,6 +14,7 @@ from valvefsi import fsi
 from valvefsi.errors import CaseError
 from valvefsi.fsi import Model, State
 from valvefsi.io import checkpoint
+from valvefsi.run.energy import EnergyMeter
 from valvefsi.run.forces import ForceMeter
 from valvefsi.run.recording import Output, grid_part
 from valvefsi.run.statistics import Statistics
@@ -26,16 +27,18 @@ class Memory:
     Attributes:
         statistics: Running averages.
         forces: Forces between rows.
+        energy: Balance of energy.
     """
 
     statistics: Statistics
     forces: ForceMeter
+    energy: EnergyMeter
 
 
 def memory_of(model: Model, output: Output) -> Memory:
     """Return the memory of a run that begins."""
     statistics = Statistics(model.grid, start=output.averages_from, lines=output.lines)
-    return Memory(statistics, ForceMeter(model, output.forces))
+    return Memory(statistics, ForceMeter(model, output.forces), EnergyMeter(model, output.energy))
 
 
 def save_state(model: Model, state: State, output: Output, memory: Memory, *, finished: bool = False) -> Path:
@@ -58,7 +61,8 @@ def save_state(model: Model, state: State, output: Output, memory: Memory, *, fi
     meta["dt_stable"] = state.dt_stable if math.isfinite(state.dt_stable) else None
     meta["circuits"] = [float(value) for value in state.circuits]
     meta["given"] = state.given.tolist()
-    meta["statistics"], meta["forces"] = statistics.meta(), memory.forces.meta()
+    meta["statistics"] = statistics.meta()
+    meta["forces"], meta["energy"] = memory.forces.meta(), memory.energy.meta()
     meta["provenance"] = dict(output.provenance)
     folder = output.directory / "checkpoints"
     return checkpoint.save(folder, state.step, fields, rows, meta, grid.comm, keep=output.keep_checkpoints)
@@ -81,6 +85,7 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     meta, fields, points = found
     statistics.restore({name: fields[name] for name in averages}, meta.get("statistics", {}))
     memory.forces.restore(meta.get("forces"))
+    memory.energy.restore(meta.get("energy"))
     arrays = {name: grid.zeros() for name in places}
     for name, place in places.items():
         arrays[name][place] = fields[name]

@@ -53,6 +53,8 @@ def draw(
         history = read_history(output.directory / "history.csv")
         last = {name: values[-1] for name, values in history.items()}
         _draw_histories(output.directory / "histories.png", history, title, references)
+        if output.energy:
+            _draw_energy(output.directory / "energy.png", history, title)
         if flow is not None:
             caption = f"t = {state.t:.4g} s"
             _draw_flow(output.directory / "flow.png", model.grid, flow, solids, (title, caption))
@@ -100,6 +102,25 @@ def _draw_histories(
         )
         series.append(panel)
     plots.histories(path, history["t_s"], series, title=title)
+
+
+def _draw_energy(path: Path, history: Mapping[str, list[float]], title: str) -> None:
+    """Draw the terms of the balance of energy over time, and beside them what each body stores and loses."""
+    from valvefsi.post.plots import base as plots
+
+    terms = {n.removeprefix("energy_").removesuffix("_erg"): n for n in history if n.startswith("energy_")}
+    bodies = {name: n for name, n in terms.items() if name.startswith(("stored_", "lost_"))}
+    left = {name: terms[name] for name in ("residual",)}
+    fluid = {name: n for name, n in terms.items() if name not in bodies and name not in left}
+    panels = [
+        plots.Series(
+            label=f"{what} [mJ]",
+            lines={name.replace("_", " ", 1): [1e-4 * v for v in history[n]] for name, n in group.items()},
+        )
+        for what, group in (("fluid", fluid), ("bodies", bodies), ("left", left))
+        if group
+    ]
+    plots.histories(path, history["t_s"], panels, title=title)
 
 
 def _draw_lines(output: Output, dim: int, title: str) -> None:

@@ -52,7 +52,7 @@ class StressRecorder:
         self.valve = valve
         solid = self._solid(valve)
         parts = parts_of(solid.mesh)
-        degree = solid.discretisation.quadrature_degree
+        degree = solid.discretisation.force_degree
         self.peaks = Peaks(_stress(solid, quadrature_degree=degree), parts)
         columns = ["step", "t_s", *map(_named, columns_of(list(parts)))]
         step = resume.step if resume else None

@@ -16,6 +16,7 @@ from valvefsi.io.paraview import FluidSeries
 from valvefsi.post import diagnostics
 from valvefsi.post.diagnostics import Section
 from valvefsi.post.diagnostics.surfaces import surface_triangles
+from valvefsi.run.energy import EnergyMeter
 from valvefsi.run.forces import ForceMeter, ForceOutput
 from valvefsi.run.recorded_stress import StressRecorder
 from valvefsi.run.statistics import Line, Statistics
@@ -67,6 +68,7 @@ class Output:
         every: Every how many cells along each axis the ParaView series of the fluid holds one.
         part: Lower and upper corner of the part of the box that it holds, None for all of it [cm].
         forces: Bodies whose force the history holds.
+        energy: Whether the history holds the balance of energy.
         orifice: Valve whose open area the history holds.
         sections: Planes and disks by name whose flow and mean pressure the history holds.
         dissipation: Whether the history holds the viscous dissipation of the box.
@@ -87,6 +89,7 @@ class Output:
     every: int = 1
     part: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     forces: tuple[ForceOutput, ...] = ()
+    energy: bool = False
     orifice: Orifice | None = None
     sections: Mapping[str, Section] = field(default_factory=dict)
     dissipation: bool = False
@@ -166,7 +169,7 @@ class Recorder:
         model: The model.
         output: What to write.
         statistics: Averages of the run.
-        forces: Forces between the rows of its history.
+        meters: What it keeps from row to row of its history.
         resume: State that the run goes on from, None for a new run.
 
     Note:
@@ -178,11 +181,11 @@ class Recorder:
         model: Model,
         output: Output,
         statistics: Statistics,
-        forces: ForceMeter,
+        meters: Sequence[ForceMeter | EnergyMeter],
         resume: State | None = None,
     ) -> None:
         self.model, self.output = model, output
-        self.statistics, self.forces = statistics, forces
+        self.statistics, self.meters = statistics, tuple(meters)
         grid, comm = model.grid, model.grid.comm
         self.probes = [(p, model.bodies[p.body].follow(p.at)) for p in output.probes]
         columns = ["step", "t_s", "courant", "kinetic_energy_erg"]
@@ -190,7 +193,8 @@ class Recorder:
             columns += body.columns()
         for probe, _ in self.probes:
             columns += [f"u_{axis}_{probe.name}_cm" for axis in "xyz"[: grid.dim]]
-        columns += forces.columns
+        for meter in self.meters:
+            columns += meter.columns
         if output.orifice is not None:
             columns.append("pdva_cm2")
         if output.dissipation:
@@ -216,10 +220,11 @@ class Recorder:
             self.stresses = StressRecorder(model, output, resume)
 
     def append(self, row: dict[str, float], state: State) -> None:
-        """Append a row to the history, and take averages and forces on from it. Collective."""
+        """Append a row to the history, and take averages, forces and energies on from it. Collective."""
         self.history.append(row)
         self.statistics.add(state)
-        self.forces.keep()
+        for meter in self.meters:
+            meter.keep()
 
     def row(self, state: State) -> dict[str, float]:
         """Return one row of the history: Courant number, energy, volume change, J, displacements. Collective."""
@@ -236,7 +241,8 @@ class Recorder:
         for probe, displacement in self.probes:
             shift = displacement(state.bodies[probe.body])
             row |= {f"u_{axis}_{probe.name}_cm": shift[a] for a, axis in enumerate("xyz"[: grid.dim])}
-        row |= self.forces.row(state)
+        for meter in self.meters:
+            row |= meter.row(state)
         return row | self._open_area(state) | self._read_off(state) | self._circuits(state)
 
     def _open_area(self, state: State) -> dict[str, float]:

@@ -114,9 +114,9 @@ class Simulation:
         warn_of_disk(self.model, self.output, self.schedule.num_steps)
         first = state.step
         try:
-            recorder = Recorder(
-                self.model, self.output, self.memory.statistics, self.memory.forces, state if resume else None
-            )
+            memory, before = self.memory, state if resume else None
+            meters = (memory.forces, memory.energy)
+            recorder = Recorder(self.model, self.output, memory.statistics, meters, before)
             if not resume:
                 self._record(recorder, None, state)
             started = time.perf_counter()

@@ -41,7 +41,7 @@ def check_beginning(path: Path, kinds: Collection[str] = tuple(BEGINNINGS)) -> s
         CaseError: There is no such file, it is empty, or it does not begin as its ending says.
     """
     kind = ENDINGS.get(path.suffix.lower())
-    if kind not in kinds:
+    if kind is None or kind not in kinds:
         known = ", ".join(ending for ending, each in ENDINGS.items() if each in kinds)
         raise CaseError(f"expected a file that ends in one of {known}", file=path)
     if not path.is_file():
@@ -81,10 +81,10 @@ def read_mesh_file(path: Path, kinds: Collection[str] = tuple(BEGINNINGS)) -> An
         with np.errstate(over="ignore"):  # the text of an STL file is taken for a number of triangles first
             mesh = importlib.import_module(f"meshio.{kind}").read(str(path))
         points = np.asarray(mesh.points, dtype=float)
-        sound = points.ndim == 2 and points.shape[1] in (2, 3) and np.isfinite(points).all()
+        sound = bool(points.ndim == 2 and points.shape[1] in (2, 3) and np.isfinite(points).all())
         for block in mesh.cells:
             nodes = np.asarray(block.data)
-            sound &= nodes.size == 0 or (nodes.min() >= 0 and nodes.max() < len(points))
+            sound = sound and (nodes.size == 0 or bool(nodes.min() >= 0 and nodes.max() < len(points)))
     except (Exception, SystemExit) as error:  # readers of damaged files raise whatever they like
         reason = " ".join(str(error).split()) or type(error).__name__
         raise CaseError(f"cannot read this file: {reason[:200]}", file=path) from None

@@ -340,9 +340,9 @@ def _depth(mesh: Mesh, surfaces: tuple[str, str]) -> tuple[Array, Array]:
             raise CaseError("no facet carries this tag", file=mesh.source, key="angles", value=name)
         dofs = fem.locate_dofs_topological(space, facet_dim, facets)
         conditions.append(fem.dirichletbc(float(value), dofs, space))
-    converged, _ = Newton(
-        phi, ufl.inner(ufl.grad(phi), ufl.grad(test)) * ufl.dx(degree=2), conditions
-    ).solve()
+    residual = ufl.inner(ufl.grad(phi), ufl.grad(test)) * ufl.dx(degree=2)
+    with Newton(phi, residual, conditions) as newton:
+        converged, _ = newton.solve()
     if not converged:
         raise ConvergenceError(f"fibres of {mesh.source}: no depth between {surfaces[0]} and {surfaces[1]}")
     values = np.zeros((len(at_midpoints(mesh, phi)), 1 + 3))
