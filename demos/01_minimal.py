@@ -30,7 +30,7 @@ case = parse_case(
 )
 
 # %% Run it
-last = run_case(case, out=OUT)["last"]
+last = run_case(case, out=OUT, overwrite=True)["last"]
 
 # %% What this demo claims
 change = read_history(OUT / "history.csv")["square_area_change_percent"][-1]

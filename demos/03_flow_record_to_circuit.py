@@ -77,7 +77,7 @@ name = "outlet"
 include = "fit/circuit.toml"
 """
 )
-run_case(load_case(case_file), out=OUT)
+run_case(load_case(case_file), out=OUT, overwrite=True)
 
 # %% Compare: S9 and S10 integrated by themselves, with the same flow and the fitted constants
 R_c, R_p, C = (fit[name]["value"] for name in ("R_c", "R_p", "C"))

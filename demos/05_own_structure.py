@@ -123,7 +123,7 @@ name = "tip"
 at = ["11 mm", "10 mm", "10 mm"]
 """
 )
-last = run_case(load_case(OUT / "case.toml"), out=OUT)["last"]
+last = run_case(load_case(OUT / "case.toml"), out=OUT, overwrite=True)["last"]
 history = {name: np.array(values) for name, values in read_history(OUT / "history.csv").items()}
 print(
     f"tip {last['u_x_tip_cm']:.3f} cm downstream, volume changed by {last['flap_volume_change_percent']:.3f} %"

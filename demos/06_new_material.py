@@ -78,8 +78,8 @@ print("stretch, exact:   ", stretches, "\nstretch, computed:", computed)
 # %% [markdown]
 # ## In a case
 #
-# `gent.py:Gent` names file and class, relative to the case. The file is run, so a case that names one is refused unless
-# you allow it: `valvefsi run case.toml --trust`, here `trust=True`. Units are converted as for any material.
+# Its file names it. The file is Python that the case would run, so it is run only where that is allowed: `trust=True`
+# here, `--trust` on the command line. Units are converted as for any material.
 
 # %% A coupled run of a few steps
 case_file = OUT / "case.toml"
@@ -100,7 +100,7 @@ mesh = { shape = "rectangle", lower = ["1 cm", "1 cm"], size = ["2 cm", "2 cm"],
 material = { model = "gent.py:Gent", mu = "10 Pa", limit = 2.0 }
 """
 )
-last = run_case(load_case(case_file, trust=True), out=OUT)["last"]
+last = run_case(load_case(case_file, trust=True), out=OUT, overwrite=True)["last"]
 
 # %% Plot
 fine = np.linspace(1.0, 1.6, 100)

@@ -140,7 +140,7 @@ def materials() -> str:
 
     parts = [
         "## Materials",
-        "The parameters of `material = { model = ... }`; your own class is named by its import path.",
+        "The parameters of `material = { model = ... }`; your own class is `FILE.py:CLASS`.",
     ]
     for name in MATERIALS:
         kind = find_material(name)

@@ -15,11 +15,13 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi.case import case_defaults, parse_case
-from valvefsi.case.build import run_case
+from valvefsi.case.build import build, plan_case, run_case
 from valvefsi.case.resuming import FREE, provenance_of
 from valvefsi.errors import CaseError, Stopped, SurroundingsError
 from valvefsi.io import checkpoint, folder
 from valvefsi.io.history import History, read_history
+from valvefsi.run import disk
+from valvefsi.run.disk import disk_needed
 
 pytestmark = pytest.mark.serial
 SELF = MPI.COMM_SELF
@@ -314,3 +316,21 @@ def test_a_clock_that_jumps_does_no_harm(tmp_path, monkeypatch, whole):
     result = run_case(case_with("output.checkpoint_wall='1 s'"), out=out, comm=SELF)
     assert result["timing"]["wall_s"] > 0
     assert (out / "history.csv").read_bytes() == (whole / "history.csv").read_bytes()
+
+
+def test_the_disk_that_a_plan_names_is_enough_and_not_far_too_much(tmp_path, monkeypatch):
+    made = case_with("grid.cells=[128, 128]", "solid.block.mesh.elements=[32, 32]", "output.frames=20")
+    simulation = build(made, tmp_path / "run", SELF)
+    needed = disk_needed(simulation.model, simulation.output, simulation.schedule.num_steps)
+    simulation.run()
+    used = sum(path.stat().st_size for path in (tmp_path / "run").rglob("*") if path.is_file())
+    assert used < needed < 10 * used
+    (entry,) = (e for e in plan_case(made, SELF, tmp_path)["plan"] if e.quantity == "disk, at most")
+    assert entry.value == pytest.approx(needed / 1e9)
+    assert "GB are free" in entry.note
+
+
+def test_a_disk_that_is_too_small_is_warned_of_before_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(disk, "disk_free", lambda folder: 1e3)
+    with pytest.warns(UserWarning, match=r"the run may need .* GB of disk, 1e-06 GB are free"):
+        run_case(case_with("time.t_end='4 ms'"), out=tmp_path / "run", comm=SELF)

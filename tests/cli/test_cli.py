@@ -46,7 +46,7 @@ def run_case(case, *, out, comm, progress, **options):
     {body}
 build.run_case = run_case
 entry = types.SimpleNamespace(quantity="elastic step limit", value=0.0125, unit="s", note="[block]")
-build.plan_case = lambda case, comm: {{"plan": [entry]}}
+build.plan_case = lambda case, comm, out: {{"plan": [entry]}}
 sys.modules["valvefsi.case.build"] = build
 from valvefsi.cli import main
 main()

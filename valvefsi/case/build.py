@@ -112,9 +112,9 @@ def write_case(case: Case, out: Path, comm: MPI.Comm, changes: Changes = ()) -> 
     raise_together(comm, error)
 
 
-def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, object]:
-    """Return the plan of a case, see `valvefsi.run.planning`. Collective."""
-    return {"plan": plan(build(case, Path(), comm))}
+def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, out: Path = Path()) -> dict[str, object]:
+    """Return the plan of a case that would run in a folder, see `valvefsi.run.planning`. Collective."""
+    return {"plan": plan(build(case, out, comm))}
 
 
 def run_case(

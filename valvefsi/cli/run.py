@@ -32,8 +32,9 @@ def run(
     from valvefsi.case.build import plan_case, run_case
 
     comm = MPI.COMM_WORLD
+    folder = out if out is not None else Path("results") / case.stem
     if plan:
-        result = plan_case(loaded, comm)
+        result = plan_case(loaded, comm, folder)
         if loaded.grid.dim == 3:
             from valvefsi.benchmarks.scaling import on_more_ranks
 
@@ -42,7 +43,6 @@ def run(
             result["plan"] += on_more_ranks(result["plan"], comm, **how)
         show_result(result, comm)
         return
-    folder = out if out is not None else Path("results") / case.stem
     period = next((c.pump.period for c in loaded.circuit if c.pump.period), None)
     options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
     with Progress(comm, loaded.title or case.stem, period=period) as progress:

@@ -21,6 +21,7 @@ from valvefsi.grid import MacGrid
 from valvefsi.io.checkpoint import list_checkpoints
 from valvefsi.post import diagnostics
 from valvefsi.run.checkpoints import load_state, memory_of, refuse_to_overwrite, save_state
+from valvefsi.run.disk import warn_of_disk
 from valvefsi.run.health import Health
 from valvefsi.run.recording import Output, Recorder, box_of
 from valvefsi.run.schedule import AdaptiveSchedule, Schedule
@@ -110,6 +111,7 @@ class Simulation:
         """
         keep_freed_memory()
         state = self._first_state(resume)
+        warn_of_disk(self.model, self.output, self.schedule.num_steps)
         first = state.step
         try:
             memory, before = self.memory, state if resume else None
