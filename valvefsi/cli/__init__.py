@@ -29,7 +29,6 @@ from valvefsi.cli.movie import movie
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
-from valvefsi.cli.statics import statics
 from valvefsi.cli.streams import streams
 from valvefsi.cli.turek import turek
 from valvefsi.cli.valve_2d import valve_2d
@@ -53,7 +52,6 @@ app.command()(run)
 app.command()(case)
 app.command()(plot)
 app.command()(movie)
-bench.add_typer(statics)
 bench.add_typer(immersed)
 bench.add_typer(kernel_study)
 bench.add_typer(streams)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from valvefsi.benchmarks.registry import ENTRIES
+from valvefsi.cli.bench_command import add
 from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import HELP, Out, Plan, Resume, Set
 from valvefsi.cli.progress import Progress
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 bench = typer.Typer(help="Run a published benchmark and compare.", **HELP)
+for _entry in ENTRIES:
+    add(bench, _entry)
 
 
 @dataclass(frozen=True)

@@ -15,16 +15,6 @@ from valvefsi.cli.tables import show_result
 streams = typer.Typer(help="Flows.", **HELP)
 
 
-@streams.command("taylor-green")
-def taylor_green(
-    grid: Annotated[int, typer.Option("--grid", min=8, help="Cells along the edge of the eighth.")] = 48,
-    overrides: Set = None,
-    out: Out = None,
-) -> None:
-    """Decay of the Taylor-Green vortex at Re 1600, in the eighth that its symmetry leaves."""
-    _run("taylor-green", out, cells=grid, overrides=overrides or ())
-
-
 @streams.command("cylinder")
 def cylinder(
     grid: Annotated[int, typer.Option("--grid", min=8, help="Cells across the diameter.")] = 32,
@@ -33,40 +23,6 @@ def cylinder(
 ) -> None:
     """Drag, lift and shedding of a rigid cylinder at Re 100, held in a stream on a graded grid."""
     _run("cylinder", out, cells=grid, overrides=overrides or ())
-
-
-@streams.command("cylinder-fitted")
-def cylinder_fitted(
-    size: Annotated[
-        float, typer.Option("--size", help="Length of the elements at the cylinder, in diameters.")
-    ] = 0.03,
-    overrides: Set = None,
-    out: Out = None,
-) -> None:
-    """The same flow on a mesh that fits the cylinder, with finite elements: an independent answer."""
-    _run("cylinder-fitted", out, size=size, overrides=overrides or ())
-
-
-@streams.command("channel")
-def channel(
-    grid: Annotated[int, typer.Option("--grid", min=4, help="Cells across on the coarsest grid.")] = 16,
-    refine: Annotated[int, typer.Option(min=0, help="Number of finer grids.")] = 2,
-    overrides: Set = None,
-    out: Out = None,
-) -> None:
-    """Poiseuille and Womersley flow between open sides against their closed forms."""
-    _run("channel", out, cells=grid, refine=refine, overrides=overrides or ())
-
-
-@streams.command("cavity")
-def cavity(
-    reynolds: Annotated[int, typer.Option(help="100, 1000 or 5000.")] = 100,
-    grid: Annotated[int, typer.Option("--grid", min=8, help="Cells along an edge.")] = 64,
-    overrides: Set = None,
-    out: Out = None,
-) -> None:
-    """Steady flow in a cavity with a sliding lid against a published table."""
-    _run("cavity", out, reynolds=reynolds, cells=grid, overrides=overrides or ())
 
 
 @streams.command("plug")

@@ -1,29 +1,28 @@
-"""The cylinder of `valvefsi.benchmarks.cylinder` on a mesh that fits it: an independent answer in the same box.
+"""The cylinder of `valvefsi.benchmarks.flows.cylinder` on a mesh that fits it: an independent answer in the same box.
 
 Nothing is immersed here and no staggered grid is involved: Taylor-Hood elements on curved triangles that are small at
-the cylinder and in its near wake, see `valvefsi.fluid.fitted`. The box and what is given on its sides are those of the
-immersed cylinder; diameter, speed and density are 1.
+the cylinder and in its near wake, see `fitted`. The box and what is given on its sides are those of the immersed
+cylinder; diameter, speed and density are 1.
 """
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks.cylinder import PUBLISHED, compared, numbers, write_forces
-from valvefsi.benchmarks.parameters import read_parameters
-from valvefsi.benchmarks.results import environment, write_result
+from valvefsi.benchmarks.flows.fitted import FittedFlow
+from valvefsi.benchmarks.flows.shedding import Forces, draw_forces, numbers, published, table_of
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
+from valvefsi.benchmarks.options import Values, option
 from valvefsi.errors import CaseError
-from valvefsi.fluid.fitted import FittedFlow
 from valvefsi.geometry.mesh import SolidMesh, mesh_from_gmsh
 from valvefsi.grid import Array
-
-Progress = Callable[[int, float, float, dict[str, float]], None]
 
 PARAMETERS = {
     "reynolds": (100.0, "1"),
@@ -51,7 +50,7 @@ def mesh_around(size: float, width: float, comm: MPI.Comm) -> SolidMesh:
     """
     half = 0.5 * width
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Any) -> None:
         shapes, field = gmsh.model.occ, gmsh.model.mesh.field
         box = shapes.addRectangle(-half, -half, 0.0, width + 10.0, width)
         shapes.cut([(2, box)], [(2, shapes.addDisk(0.0, 0.0, 0.0, 0.5, 0.5))])
@@ -83,65 +82,60 @@ def mesh_around(size: float, width: float, comm: MPI.Comm) -> SolidMesh:
     return mesh_from_gmsh(build, comm, source="box around a cylinder")
 
 
-def run(
-    *,
-    size: float = 0.03,
-    out: Path = Path("results/cylinder-fitted"),
-    overrides: Sequence[str] = (),
-    comm: MPI.Comm = MPI.COMM_WORLD,
-    progress: Progress | None = None,
-) -> dict[str, object]:
-    """Run the flow until it sheds vortices regularly; write ``result.json``, ``forces.csv`` and ``forces.png``.
+@dataclass(frozen=True, kw_only=True)
+class CylinderFitted(Benchmark[float, None]):
+    """The flow on the mesh that fits, run until it sheds vortices regularly."""
 
-    Args:
-        size: Length of the elements at the cylinder, in diameters.
-        out: Folder of the results.
-        overrides: ``reynolds``, ``t_end``, ``width`` or ``courant`` as ``key=value``.
-        comm: Communicator.
-        progress: Called after every step.
+    name = "cylinder-fitted"
+    parameters = PARAMETERS
 
-    Returns:
-        The contents of ``result.json``.
+    size: float = option(0.03, "Length of the elements at the cylinder, in diameters.")
 
-    Raises:
-        CaseError: A size or parameter cannot be used.
+    def check(self, values: Values) -> None:
+        """Refuse elements and boxes that cannot be meshed."""
+        if not 0.0 < self.size <= 0.2:
+            message = "expected a size above 0 and up to 0.2 diameters"
+            raise CaseError(message, key="--size", value=self.size)
+        if not values["width"] >= 4.0:
+            raise CaseError("expected at least 4 diameters", file="--set", key="width", value=values["width"])
 
-    Note:
-        Collective.
-    """
-    values = read_parameters(PARAMETERS, overrides)
-    if not 0.0 < size <= 0.2:
-        raise CaseError("expected a size above 0 and up to 0.2 diameters", key="--size", value=size)
-    if not values["width"] >= 4.0:
-        raise CaseError("expected at least 4 diameters", file="--set", key="width", value=values["width"])
-    started = time.perf_counter()
-    flow, cells = flow_around(size, values, comm)
-    t, drag, lift = march(flow, values["t_end"], progress)
-    flow.destroy()
-    found = numbers(t, drag, lift)
-    published = PUBLISHED.get(values["reynolds"], {})
-    unknowns = flow.space.dofmap.index_map.size_global
-    result = {
-        "benchmark": "cylinder-fitted",
-        "parameters": values | {"size": size, "cells": cells, "unknowns": unknowns, "dt": flow.dt},
-        "quantities": found,
-        "reference": {key: list(value) for key, value in published.items()},
-        "table": compared(found, values["reynolds"]),
-        "timing": {"steps": len(t), "wall_s": time.perf_counter() - started},
-        "environment": environment(comm),
-    }
-    write_result(out, result, comm)
-    title = f"Cylinder at Re {values['reynolds']:g}, {cells} triangles that fit it"
-    write_forces(out, (t, drag, lift), published, title, comm)
-    return result
+    def runs(self) -> list[float]:
+        """Return the mesh."""
+        return [self.size]
+
+    def one(self, run: float, job: Job) -> Record:
+        """Run to the end and read off drag and lift."""
+        flow, cells = flow_around(run, self.values, job.comm)
+        forces = march(flow, self.values["t_end"], job)
+        flow.destroy()
+        mesh = {"size": run, "cells": cells, "unknowns": flow.space.dofmap.index_map.size_global}
+        return {"mesh": mesh | {"dt": flow.dt}, "quantities": numbers(forces), "_forces": forces}
+
+    def report(self, records: Sequence[Record], known: None) -> Report:
+        """Return drag, lift and frequency beside the published ranges."""
+        (r,), reynolds = records, self.values["reynolds"]
+        return Report(
+            parameters=self.values | r["mesh"],
+            quantities=r["quantities"],
+            reference={key: list(band) for key, (band, _) in published(reynolds).items()},
+            table=table_of(r["quantities"], reynolds),
+            timing={"steps": len(r["_forces"].t)},
+        )
+
+    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+        """Write and draw the forces."""
+        (r,), reynolds = records, self.values["reynolds"]
+        title = f"Cylinder at Re {reynolds:g}, {r['mesh']['cells']} triangles that fit it"
+        draw_forces(out, r["_forces"], reynolds, title)
 
 
-def flow_around(size: float, values: dict[str, float], comm: MPI.Comm) -> tuple[FittedFlow, int]:
+def flow_around(size: float, values: Values, comm: MPI.Comm) -> tuple[FittedFlow, int]:
     """Return the flow at its start, a stream with a short push across it, and the number of triangles (collective)."""
     box = mesh_around(size, values["width"], comm)
 
     def facets(name: str) -> Array:
-        return box.facet_tags.find(box.tag(name)[1])
+        tags: Any = box.facet_tags
+        return tags.find(box.tag(name)[1])
 
     sides = {
         "sides": (facets("sides"), (None, 0.0)),
@@ -154,13 +148,11 @@ def flow_around(size: float, values: dict[str, float], comm: MPI.Comm) -> tuple[
     return flow, box.mesh.topology.index_map(2).size_global
 
 
-def march(flow: FittedFlow, t_end: float, progress: Progress | None = None) -> tuple[Array, Array, Array]:
-    """Run to the end; return times, drag and lift coefficients (collective)."""
+def march(flow: FittedFlow, t_end: float, job: Job) -> Forces:
+    """Run to the end; return the forces over time (collective)."""
     rows = []
     for k in range(max(1, round(t_end / flow.dt))):
         force = flow.step()["cylinder"]
         rows.append((flow.t, 2.0 * force[0], 2.0 * force[1]))
-        if progress is not None:
-            progress(k + 1, flow.t, t_end, {"drag": rows[-1][1], "lift": rows[-1][2]})
-    t, drag, lift = np.array(rows).T
-    return t, drag, lift
+        job.show(k + 1, flow.t, t_end, drag=rows[-1][1], lift=rows[-1][2])
+    return Forces(*np.array(rows).T)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from mpi4py import MPI
 
-from valvefsi.benchmarks import cost_model
-from valvefsi.benchmarks.parameters import defaults
-from valvefsi.benchmarks.speed import PARAMETERS, machine_here
+from valvefsi.benchmarks.options import defaults
+from valvefsi.benchmarks.studies import cost_model
+from valvefsi.benchmarks.studies.speed import PARAMETERS, machine_here
 from valvefsi.run.planning import Entry
 
 RANKS = (2, 64, 512)

@@ -10,16 +10,18 @@ import resource
 import time
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 import scipy.fft
 from mpi4py import MPI
 
-from valvefsi.benchmarks import cost_model, elastic_speed
-from valvefsi.benchmarks.parameters import read_parameters
-from valvefsi.benchmarks.results import environment, row, write_result
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public
+from valvefsi.benchmarks.options import Parameters, Values, option
+from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.studies import cost_model, elastic_speed
+from valvefsi.errors import CaseError
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.fluid.direct_solver import TensorSolver
@@ -27,9 +29,8 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grid import Faces, MacGrid
 from valvefsi.run.simulation import Timed
 from valvefsi.runtime import threads
-from valvefsi.runtime.memory import keep_freed_memory
 
-PARAMETERS = {
+PARAMETERS: Parameters = {
     "rho": (1.0, "g/cm^3"),
     "mu": (0.01, "dyn*s/cm^2"),
     "cfl": (0.3, "1"),
@@ -41,99 +42,114 @@ CALIBRATION = 96
 """Cells along each axis of the grid from which the cost model takes the constants of one core."""
 
 
-def run(
-    *,
-    sizes: Sequence[int] = (32, 64, 128),
-    dim: int = 3,
-    steps: int = 5,
-    out: Path = Path("results/speed"),
-    overrides: Sequence[str] = (),
-    comm: MPI.Comm = MPI.COMM_WORLD,
-    model: bool = False,
-) -> dict[str, object]:
-    """Time fluid steps on grids of N cells along each axis, walls on all sides but one pair.
+@dataclass(frozen=True, kw_only=True)
+class Yardsticks:
+    """What is measured beside the grids: elastic forces, and with ``--model`` one core and the network."""
 
-    Args:
-        sizes: Grid sizes N.
-        dim: 2 or 3 dimensions.
-        steps: Steps timed per grid, after two that are not.
-        out: Folder of ``result.json`` and ``speed.png``.
-        overrides: ``rho``, ``mu``, ``cfl``, ``advection`` or ``viscous`` as ``key=value``.
-        comm: Communicator.
-        model: Whether to predict steps on many cores, in three dimensions, and compare with the steps measured here.
+    elastic: Record
+    machine: cost_model.Machine | None
+    network: cost_model.Network | None
 
-    Returns:
-        The contents of ``result.json``.
 
-    Note:
-        Collective.
-    """
-    parameters = read_parameters(PARAMETERS, overrides)
-    keep_freed_memory()
-    grids = [_measure((n,) * dim, steps, parameters, comm) for n in sizes]
-    table = [_row(g, dim, comm.size, parameters["advection"] == "xsppm7") for g in grids]
-    elastic = elastic_speed.measure(comm)
-    table.append(elastic.pop("row"))
-    predicted = _model(grids, steps, parameters, comm) if model else {"rows": []}
-    table += predicted.pop("rows")
-    result = {
-        "benchmark": "speed",
-        "parameters": parameters | {"sizes": list(sizes), "dim": dim, "steps": steps},
-        "grids": grids,
-        "elastic_force": elastic,
-        "cost_model": predicted,
-        "table": table,
-        "environment": environment(comm),
-    }
-    write_result(out, result, comm)
-    if comm.rank == 0:
+@dataclass(frozen=True, kw_only=True)
+class Speed(Benchmark[int, Yardsticks]):
+    """Fluid steps on grids of N cells along each axis, walls on all sides but one pair."""
+
+    name = "speed"
+    parameters = PARAMETERS
+
+    sizes: tuple[int, ...] = option(
+        (64, 128), "Cells per edge, one or several.", metavar="N,N", least=4
+    )
+    dim: int = option(3, "Dimensions.", least=2, most=3)
+    steps: int = option(5, "Steps that are timed, after two that are not.", least=1)
+    model: bool = option(False, "Predict steps on many cores too.")
+
+    def check(self, values: Values) -> None:
+        """Refuse the cost model in two dimensions."""
+        if self.model and self.dim == 2:
+            raise CaseError("the cost model is of three dimensions", key="--model", value="--dim 2")
+
+    @property
+    def solves(self) -> int:
+        """Direct solves in a step."""
+        return solves_of(self.values)
+
+    def runs(self) -> tuple[int, ...]:
+        """Return the grids."""
+        return self.sizes
+
+    def references(self, comm: MPI.Comm) -> Yardsticks:
+        """Measure elastic forces and, where asked for, this machine."""
+        machine = machine_here(self.values, comm, self.steps) if self.model else None
+        network = cost_model.measure_network(comm) if self.model else None
+        return Yardsticks(elastic=elastic_speed.measure(comm), machine=machine, network=network)
+
+    def one(self, run: int, job: Job) -> Record:
+        """Time steps on one grid."""
+        return measure((run,) * self.dim, self.steps, self.values, job.comm)
+
+    def report(self, records: Sequence[Record], known: Yardsticks) -> Report:
+        """Return steps in pairs of transforms."""
+        elastic = dict(known.elastic)
+        table = [_row(r, self.dim, self.values["advection"] == "xsppm7") for r in records]
+        table.append(elastic.pop("row"))
+        model, rows = self._model(records, known)
+        return Report(
+            parameters=self.values | {"sizes": list(self.sizes), "dim": self.dim, "steps": self.steps},
+            quantities={r["N"]: {"pairs_per_step": r["pairs_per_step"]} for r in records},
+            more={"grids": [public(r) for r in records], "elastic_force": elastic, "cost_model": model},
+            table=table + rows,
+        )
+
+    def _model(self, records: Sequence[Record], known: Yardsticks) -> tuple[Record, list[Row]]:
+        """Compare the cost model with the grids measured, and predict."""
+        machine, network = known.machine, known.network
+        if machine is None:
+            return {}, []
+        rows, ranks, advection = [], records[0]["ranks"], self.values["advection"]
+        for grid in records:
+            count = cost_model.work(grid["N"], ranks, solves=self.solves, advection=advection)
+            step = cost_model.predict(count, machine, network or cost_model.Network())["step"]
+            name = f"model: {grid['N']}^3, {ranks} rank{'s' * (ranks > 1)}"
+            rows.append(row(name, 1e3 * step, grid["step_ms"], "measured here", unit="ms"))
+        lines = cost_model.table(machine, cost_model.Network(), solves=self.solves, advection=advection)
+        for line in lines:
+            each = f"per core {line['flops']:.2g} flops, {line['bytes']:.2g} bytes, {line['messages']} messages"
+            name = f"model: {line['N']}^3, {line['cores']} cores"
+            rows.append(row(name, 1e3 * line["step_s"], None, each, unit="ms"))
+        return {
+            "calibration_N": CALIBRATION,
+            "machine": asdict(machine),
+            "network_measured": network and asdict(network),
+            "network_assumed": asdict(cost_model.Network()),
+            "predictions": lines,
+        }, rows
+
+    def draw(self, records: Sequence[Record], known: Yardsticks, out: Path) -> None:
+        """Draw the phases of a step."""
         from valvefsi.post.plots.base import phase_bars
 
-        heading = f"One fluid step on {comm.size} rank{'s' * (comm.size > 1)}"
-        phase_bars(Path(out) / "speed.png", {f"{g['N']}^{dim}": g["phases_ms"] for g in grids}, title=heading)
-    comm.barrier()
-    return result
+        ranks = records[0]["ranks"]
+        heading = f"One fluid step on {ranks} rank{'s' * (ranks > 1)}"
+        phase_bars(out / "speed.png", {f"{r['N']}^{self.dim}": r["phases_ms"] for r in records}, title=heading)
 
 
-def _model(
-    grids: Sequence[dict[str, object]], steps: int, parameters: dict[str, float | str], comm: MPI.Comm
-) -> dict[str, object]:
-    """Calibrate the cost model on every core at once, compare it with the grids measured, and predict. Collective."""
-    solves = 4 if parameters["viscous"] == "implicit" else 1
-    machine = machine_here(parameters, comm, steps)
-    network, rows = cost_model.measure_network(comm), []
-    for grid in grids:
-        count = cost_model.work(grid["N"], comm.size, solves=solves, advection=parameters["advection"])
-        step = cost_model.predict(count, machine, network or cost_model.Network())["step"]
-        name = f"model: {grid['N']}^3, {comm.size} rank{'s' * (comm.size > 1)}"
-        rows.append(row(name, 1e3 * step, grid["step_ms"], "measured here", unit="ms"))
-    lines = cost_model.table(machine, cost_model.Network(), solves=solves, advection=parameters["advection"])
-    for line in lines:
-        each = f"per core {line['flops']:.2g} flops, {line['bytes']:.2g} bytes, {line['messages']} messages"
-        rows.append(
-            row(f"model: {line['N']}^3, {line['cores']} cores", 1e3 * line["step_s"], None, each, unit="ms")
-        )
-    return {
-        "calibration_N": CALIBRATION,
-        "machine": asdict(machine),
-        "network_measured": network and asdict(network),
-        "network_assumed": asdict(cost_model.Network()),
-        "predictions": lines,
-        "rows": rows,
-    }
+def solves_of(parameters: Values) -> int:
+    """Return the direct solves in a step."""
+    return 4 if parameters["viscous"] == "implicit" else 1
 
 
-def machine_here(parameters: dict[str, float | str], comm: MPI.Comm, steps: int = 3) -> cost_model.Machine:
+def machine_here(parameters: Values, comm: MPI.Comm, steps: int = 3) -> cost_model.Machine:
     """Return the times of one core of this machine, with all of them at work. Collective."""
-    solves = 4 if parameters["viscous"] == "implicit" else 1
-    alone = _measure((CALIBRATION,) * 3, steps, parameters, MPI.COMM_SELF)
+    alone = measure((CALIBRATION,) * 3, steps, parameters, MPI.COMM_SELF)
     phases = {k: comm.allreduce(v, op=MPI.MAX) for k, v in alone["phases_ms"].items()}
-    return cost_model.calibrate(CALIBRATION, phases, solves=solves)
+    return cost_model.calibrate(CALIBRATION, phases, solves=solves_of(parameters))
 
 
-def _row(grid: dict[str, object], dim: int, ranks: int, upwind: bool) -> dict[str, object]:
+def _row(grid: Record, dim: int, upwind: bool) -> Row:
     """One line of the table; the budget is that of an xsPPM7 step of 128^3 cells on one rank."""
-    each = grid["threads"]
+    each, ranks = grid["threads"], grid["ranks"]
     due = upwind and (grid["N"], dim, ranks, each) == (128, 3, 1, 1)
     name = f"{grid['N']}^{dim}, {ranks} rank{'s' * (ranks > 1)}: step / DCT pair"
     name = name.replace(":", f" of {each} threads:") if each > 1 else name
@@ -142,9 +158,8 @@ def _row(grid: dict[str, object], dim: int, ranks: int, upwind: bool) -> dict[st
     )
 
 
-def _measure(
-    cells: tuple[int, ...], steps: int, parameters: dict[str, float | str], comm: MPI.Comm
-) -> dict[str, object]:
+def measure(cells: tuple[int, ...], steps: int, parameters: Values, comm: MPI.Comm) -> Record:
+    """Time steps on one grid: the median, its parts, pairs of transforms in turns with them (collective)."""
     n, dim = cells[0], len(cells)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     started = time.perf_counter()
@@ -178,7 +193,7 @@ def _measure(
 
 
 def _traffic(
-    n: int, dim: int, step: float, parameters: dict[str, float | str], comm: MPI.Comm
+    n: int, dim: int, step: float, parameters: Values, comm: MPI.Comm
 ) -> dict[str, float]:
     """Bytes that a rank must move in a step of a cube, by the count of the cost model, and a triad's in this run."""
     if dim == 2:

@@ -14,6 +14,7 @@ residual of the momentum equation there, which is more accurate than the integra
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ class FittedFlow:
 
     def __init__(
         self,
-        mesh: object,
+        mesh: Any,
         sides: Mapping[str, tuple[Array, Velocity]],
         *,
         rho: float,
@@ -114,7 +115,8 @@ class FittedFlow:
     ) -> tuple[dict[str, list[Array]], PETSc.Vec, Array]:
         """Return the unknowns of each side by component, what is given as a vector, and those it is given for."""
         self.space.mesh.topology.create_connectivity(1, 2)
-        given, nodes, fixed = compat.create_vector(self.space), {}, []
+        given, fixed = compat.create_vector(self.space), []
+        nodes: dict[str, list[Array]] = {}
         for name, (facets, velocity) in sides.items():
             nodes[name] = []
             for (unknowns, x), value in zip(self._components(facets), velocity, strict=True):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from typing import Any
+
 import numpy as np
 from mpi4py import MPI
 
@@ -22,7 +24,7 @@ LIMIT = 2.0
 
 def measure(
     comm: MPI.Comm = MPI.COMM_WORLD, *, elements: Sequence[int] = (14, 14, 14), repeats: int = 40
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Time the forces of linear tetrahedra of HGO material, one family of fibres, on one core.
 
     The two take turns, so that a busy machine disturbs both; the fastest call of each counts.
@@ -42,7 +44,7 @@ def measure(
     return comm.bcast(_measure(elements, repeats) if comm.rank == 0 else None)
 
 
-def _measure(elements: Sequence[int], repeats: int) -> dict[str, object]:
+def _measure(elements: Sequence[int], repeats: int) -> dict[str, Any]:
     mesh = box(MPI.COMM_SELF, elements=elements, cell="tetrahedron")
     mesh = mesh.with_fibres(around=circumferential(mesh, through=(2.0, 2.0, 0.0)))
     solid = Structure(mesh, MATERIAL)
