@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
@@ -58,8 +59,8 @@ block = Structure(
 fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=0.01)
 
 # %% Run
-model = Model(grid=grid, fluid=fluid, solids=(block,), couplings=(Coupling(grid, kernel),))
-output = Output(directory=OUT, history_every=20, probes=(Probe(name="top", solid=0, at=(20.0, 25.0)),))
+model = Model(grid=grid, fluid=fluid, bodies=(Elastic(block, Coupling(grid, kernel)),))
+output = Output(directory=OUT, history_every=20, probes=(Probe(name="top", body=0, at=(20.0, 25.0)),))
 schedule = Schedule(dt=0.005 * 20 / SIZE, t_end=t_end)
 outcome = Simulation(model, schedule, output).run()
 

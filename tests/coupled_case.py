@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mpi4py import MPI
 
+from valvefsi.bodies.elastic import Elastic
+from valvefsi.bodies.heavy import Heavy
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.fluid.navier_stokes import NavierStokes
@@ -51,7 +55,7 @@ def block_model(
     )
     grid = MacGrid([0, 0], [40, 40], [cells, cells], [False, False], comm)
     fluid = NavierStokes(grid, Boundary(grid, {"y_upper": Wall(velocity=(lid, 0.0))}), rho=1.0, mu=0.1)
-    return Model(grid=grid, fluid=fluid, solids=(solid,), couplings=(Coupling(grid, "bspline3"),))
+    return Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, Coupling(grid, "bspline3")),))
 
 
 def simulation(folder, comm=MPI.COMM_WORLD, *, steps=STEPS, model=None, dt=DT, cfl_max=0.5, **options):
@@ -62,8 +66,31 @@ def simulation(folder, comm=MPI.COMM_WORLD, *, steps=STEPS, model=None, dt=DT, c
         **{
             "history_every": 5,
             "frames": 4,
-            "probes": (Probe(name="top_centre", solid=0, at=(20.0, 25.0)),),
+            "probes": (Probe(name="top_centre", body=0, at=(20.0, 25.0)),),
             **options,
         },
     )
     return Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=cfl_max), output)
+
+
+def moved(state, **tables):
+    """The state with other values in the table of its first body."""
+    return replace(state, bodies=({**state.bodies[0], **tables}, *state.bodies[1:]))
+
+
+def heavy(model, density=7.0):
+    """The model with its first body heavier than the fluid."""
+    body = model.bodies[0]
+    dense = Heavy(body.solid, body.coupling, rho=model.fluid.rho, density=density)
+    return replace(model, bodies=(dense, *model.bodies[1:]))
+
+
+def slipping(model, mobility):
+    """The model with a Darcy mobility of its first body, None for none."""
+    body = model.bodies[0]
+    return replace(model, bodies=(Elastic(body.solid, body.coupling, mobility=mobility), *model.bodies[1:]))
+
+
+def coupled(model, coupling):
+    """The model with another coupling of its first body."""
+    return replace(model, bodies=(Elastic(model.bodies[0].solid, coupling), *model.bodies[1:]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 GENT = """
 from dataclasses import dataclass
 import ufl
-from valvefsi.solid.parameters import parameter
+from valvefsi.solid.materials.parameters import parameter
 
 @dataclass(frozen=True, kw_only=True)
 class Gent:

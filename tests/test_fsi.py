@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from tests.ordering import assert_order
 from valvefsi import fsi
+from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
@@ -32,7 +33,7 @@ def soft_square(mu=0.05, c1=4.0, loads=(), comm=WORLD):
     )
     grid = MacGrid([0, 0], [1, 1], [20, 20], [True, True], comm)
     fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=mu)
-    return Model(grid=grid, fluid=fluid, solids=(solid,), couplings=(Coupling(grid, "bspline4"),))
+    return Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, Coupling(grid, "bspline4")),))
 
 
 def swirl(grid, speed=1.0):
@@ -59,7 +60,7 @@ def test_positions_converge_with_order_two_in_time():
     model = soft_square(loads=(load,))
 
     def end(steps):
-        return march(model, 0.2 / steps, steps, swirl(model.grid))[-1].chi[0]
+        return march(model, 0.2 / steps, steps, swirl(model.grid))[-1].bodies[0]["chi"]
 
     finest = end(640)
 
@@ -75,9 +76,12 @@ def test_energy_of_fluid_and_solid_only_decays_and_by_viscosity_alone():
     def energies(mu, dt):
         model = soft_square(mu=mu)
         states = march(model, dt, round(0.2 / dt), swirl(model.grid, 0.5))
-        solid = model.solids[0]
+        solid = model.bodies[0].solid
         return np.array(
-            [diagnostics.kinetic_energy(model.grid, s.u, 1.0) + solid.energy(s.chi[0]) for s in states]
+            [
+                diagnostics.kinetic_energy(model.grid, s.u, 1.0) + solid.energy(s.bodies[0]["chi"])
+                for s in states
+            ]
         )
 
     coarse, fine = (energies(0.0, dt) for dt in (2e-3, 1e-3))
@@ -103,8 +107,8 @@ def test_a_stress_free_solid_drifts_with_the_stream():
     model = soft_square(mu=0.0)
     u = tuple(np.full(model.grid.shape, v) for v in (0.7, -0.2))
     state = march(model, 0.02, 100, u)[-1]
-    X = model.solids[0].X
-    np.testing.assert_allclose(state.chi[0], X + 2.0 * np.array([0.7, -0.2, 0.0]), atol=1e-11)
+    X = model.bodies[0].solid.X
+    np.testing.assert_allclose(state.bodies[0]["chi"], X + 2.0 * np.array([0.7, -0.2, 0.0]), atol=1e-11)
     assert abs(state.t - 2.0) < 1e-12
 
 
@@ -137,15 +141,17 @@ def test_the_state_that_goes_in_is_not_changed():
         u=tuple(c.copy() for c in state.u),
         N=tuple(c.copy() for c in state.N),
         p=state.p.copy(),
-        chi=tuple(c.copy() for c in state.chi),
+        bodies=tuple({k: v.copy() for k, v in q.items()} for q in state.bodies),
     )
     first = fsi.step(model, state, 2e-3)
     for before, after in zip(
-        (*copy.u, *copy.N, copy.p, *copy.chi), (*state.u, *state.N, state.p, *state.chi), strict=True
+        (*copy.u, *copy.N, copy.p, copy.bodies[0]["chi"]),
+        (*state.u, *state.N, state.p, state.bodies[0]["chi"]),
+        strict=True,
     ):
         np.testing.assert_array_equal(before, after)
     again = fsi.step(model, state, 2e-3)
-    np.testing.assert_array_equal(first.chi[0], again.chi[0])
+    np.testing.assert_array_equal(first.bodies[0]["chi"], again.bodies[0]["chi"])
 
 
 def soft_cube(c1=4.0, mu=0.05):
@@ -155,14 +161,16 @@ def soft_cube(c1=4.0, mu=0.05):
     solid = Structure(mesh, NeoHookean(c1=c1), name="cube", nu_stab=0.4, discretisation=discretisation)
     grid = MacGrid([0] * 3, [1] * 3, [12] * 3, [True] * 3)
     fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=mu)
-    return Model(grid=grid, fluid=fluid, solids=(solid,), couplings=(Coupling(grid, "bspline3"),))
+    return Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, Coupling(grid, "bspline3")),))
 
 
 def test_a_stress_free_cube_drifts_with_the_stream():
     model = soft_cube()
     u = tuple(np.full(model.grid.shape, v) for v in (0.7, -0.2, 0.4))
     state = march(model, 0.02, 50, u)[-1]
-    np.testing.assert_allclose(state.chi[0], model.solids[0].X + np.array([0.7, -0.2, 0.4]), atol=1e-11)
+    np.testing.assert_allclose(
+        state.bodies[0]["chi"], model.bodies[0].solid.X + np.array([0.7, -0.2, 0.4]), atol=1e-11
+    )
 
 
 def test_energy_decays_and_volume_is_kept_in_three_dimensions():
@@ -172,8 +180,10 @@ def test_energy_decays_and_volume_is_kept_in_three_dimensions():
         points = model.grid.points(d)
         u[d][...] = 0.5 * (np.sin(2 * np.pi * points[a]) + np.cos(2 * np.pi * points[b]))
     states = march(model, 4e-3, 50, u)
-    solid = model.solids[0]
-    energy = [diagnostics.kinetic_energy(model.grid, s.u, 1.0) + solid.energy(s.chi[0]) for s in states]
+    solid = model.bodies[0].solid
+    energy = [
+        diagnostics.kinetic_energy(model.grid, s.u, 1.0) + solid.energy(s.bodies[0]["chi"]) for s in states
+    ]
     assert np.all(np.diff(energy) < 0)
-    assert WORLD.allreduce(np.abs(states[-1].chi[0] - solid.X).max(initial=0.0), op=MPI.MAX) > 0.02
-    assert abs(solid.volume(states[-1].chi[0]) / solid.reference_volume - 1) < 5e-3
+    assert WORLD.allreduce(np.abs(states[-1].bodies[0]["chi"] - solid.X).max(initial=0.0), op=MPI.MAX) > 0.02
+    assert abs(solid.volume(states[-1].bodies[0]["chi"]) / solid.reference_volume - 1) < 5e-3

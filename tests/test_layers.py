@@ -37,7 +37,15 @@ KERNELS = (
     "coupling/kernels.py",
     "solid/elements/*kernels*.py",
 )
-FORMS = ("solid/*", "solid/*/*", "io/*", "geometry/*", "benchmarks/flows/fitted.py", "runtime/dolfinx_compat.py")
+FORMS = (
+    "types.py",
+    "solid/*",
+    "solid/*/*",
+    "io/*",
+    "geometry/*",
+    "benchmarks/flows/fitted.py",
+    "runtime/dolfinx_compat.py",
+)
 BORDER = ("case.py", "case/*", "cli.py", "cli/*")
 FENCES = {
     **dict.fromkeys(("ufl", "dolfinx", "basix", "ffcx"), FORMS),

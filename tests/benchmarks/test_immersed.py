@@ -108,9 +108,11 @@ def test_the_top_of_the_column_turns_as_far_as_asked(shared_tmp, comm):
     assert record["quantities"]["J_min"] > 0
     sim = torsion.simulation(numerics, values, shared_tmp / "again", comm)
     state = sim.run().state
-    solid = sim.model.solids[0]
+    solid = sim.model.bodies[0].solid
     corner, centre = (solid.node_at(x) for x in ((1.0, 6.0, 0.5), torsion.TOP))
-    arm = solid.position_of(corner, state.chi[0]) - solid.position_of(centre, state.chi[0])
+    arm = solid.position_of(corner, state.bodies[0]["chi"]) - solid.position_of(
+        centre, state.bodies[0]["chi"]
+    )
     assert math.atan2(-arm[2], arm[0]) == pytest.approx(0.8, abs=0.03)
 
 

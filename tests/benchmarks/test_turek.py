@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.coupled_case import moved
 from valvefsi import fsi
 from valvefsi.benchmarks import turek
 from valvefsi.benchmarks.turek import COLUMNS, Setup, Watch
@@ -29,7 +30,6 @@ from valvefsi.benchmarks.turek_model import (
     inflow,
 )
 from valvefsi.benchmarks.turek_signals import oscillation, whole_periods
-from valvefsi.bodies.excess_mass import Twin
 from valvefsi.errors import CaseError, StabilityError
 from valvefsi.run.recording import Output
 
@@ -51,14 +51,13 @@ def ran(built):
     watch.begin(state)
     for k in range(1, 201):
         state = fsi.step(model, state, dt)
-        watch.add()
         if k % 20 == 0:
             watch.record(state)
     return watch, state
 
 
 def test_the_flag_has_its_size_and_its_tip_is_at_a(built):
-    flag = built[0].solids[0]
+    flag = built[0].bodies[0].solid
     assert flag.reference_volume == pytest.approx(THICKNESS * (TIP - ROOT), rel=1e-12)
     held = flag.tether_report()[0].measure
     assert held == pytest.approx(THICKNESS * (CLAMP - ROOT), rel=1e-12)
@@ -128,11 +127,8 @@ def test_forces_come_from_what_holds_the_bodies_and_the_momentum_of_the_flag(bui
     watch.begin(state)
     u = model.grid.zero_faces()
     u[0][...] = 30.0
-    moved = fsi.State(t=0.01, step=1, dt=dt, u=u, p=state.p, N=state.N, chi=state.chi)
-    watch.cylinder.total = np.array([-7.0, 2.0, 0.0]) / WORLD.size
-    watch.flag.held = np.array([-1.0, 3.0, 0.0]) / WORLD.size
-    watch.add()
-    found = watch.record(moved)
+    impulse = 0.01 * np.array([[-1.0, 3.0, 0.0], [-7.0, 2.0, 0.0]])
+    found = watch.record(replace(state, t=0.01, u=u, impulse=impulse))
     inertia = VALUES["rho"] * THICKNESS * (TIP - ROOT) * 30.0 / 0.01
     assert found["drag_dyn_per_cm"] == pytest.approx(inertia + 8.0, rel=1e-12)
     assert found["lift_dyn_per_cm"] == pytest.approx(-5.0, abs=1e-6)
@@ -146,9 +142,11 @@ def test_a_heavy_flag_takes_the_force_that_its_whole_mass_needs():
     watch.begin(state)
     u = model.grid.zero_faces()
     u[0][...] = 30.0
-    twins = tuple(Twin(twin.Y, 0.0 * twin.V + (30.0, 0.0, 0.0)) for twin in state.twins)
-    watch.count = 1
-    found = watch.record(replace(state, t=0.01, u=u, twins=twins))
+    V = 0.0 * state.bodies[0]["V"] + (30.0, 0.0, 0.0)
+    state = moved(state, V=V)
+    excess = model.bodies[0].excess_momentum(state.bodies[0])  # given by the fluid
+    impulse = np.array([-excess, np.zeros(3)])
+    found = watch.record(replace(state, t=0.01, u=u, impulse=impulse))
     inertia = 10.0 * THICKNESS * (TIP - ROOT) * 30.0 / 0.01
     assert found["drag_dyn_per_cm"] == pytest.approx(inertia, rel=1e-12)
 

@@ -29,7 +29,7 @@ def built():
 
 def test_leaflets_have_their_size_and_face_each_other(built):
     model, _, _ = built
-    watch, solid = Watch(model, VALUES), model.solids[0]
+    watch, solid = Watch(model, VALUES), model.bodies[0].solid
     area = VALUES["thickness"] * VALUES["length"]
     assert solid.reference_volume == pytest.approx(2.0 * area, rel=1e-12)
     np.testing.assert_allclose(watch.X[watch.lower.tip, :2], (ROOT, 0.7), atol=1e-12)

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks.wall_offset import _offset, wall_offset
-from valvefsi.bodies.fixed import RigidSurface
+from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Wall
@@ -43,10 +43,8 @@ def test_couette_flow_is_at_rest_where_the_offset_says(depths, place):
     x, y = np.meshgrid(0.25 + 0.5 * np.arange(32), 8.0 + place - np.array(depths), indexing="ij")
     points = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.5)], axis=1)
     coupling = Coupling(grid, "bspline3")
-    held = RigidSurface(
-        points, np.full(len(points), 0.5), coupling.own(points), name="w", stiffness=0.2, damping=0.2
-    )
-    model = fsi.Model(grid=grid, fluid=fluid, rigid=(held,), transfers=(coupling.stay(held.X),))
+    held = RigidSurface(points, np.full(len(points), 0.5), coupling, name="w", stiffness=0.2, damping=0.2)
+    model = fsi.Model(grid=grid, fluid=fluid, bodies=(held,))
     state = fsi.initial_state(model, 1.0)
     for _ in range(700):
         state = fsi.step(model, state, 1.0)

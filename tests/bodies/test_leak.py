@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi import fsi
+from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, Open
 from valvefsi.fluid.navier_stokes import NavierStokes
@@ -44,7 +45,7 @@ def leak(intervals, degree, steps=400):
         tethers=[Tether(stiffness=0.05 / dt**2)],
     )
     coupling = Coupling(grid, "piecewise_linear", sides.signs)
-    model = fsi.Model(grid=grid, fluid=fluid, solids=(plug,), couplings=(coupling,))
+    model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(plug, coupling),))
     state, flows = fsi.initial_state(model, dt), []
     for _ in range(steps):
         state = fsi.step(model, state, dt)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -10,14 +11,14 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.bodies.fixed import RigidSurface
+from valvefsi.bodies.rigid import RigidSurface
+from valvefsi.coupling.kernels import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.fluid.boundary import Boundary, Disk, Mixed, Open
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.geometry.aortic_section import AorticSection, joined, plug
 from valvefsi.grid import MacGrid
-from valvefsi.run.planning import largest_square_sum
 from valvefsi.units import MMHG
 
 RADIUS, LENGTH, H, DT = 0.6, 1.0, 0.1, 5e-5
@@ -41,12 +42,19 @@ def model(comm, pressure, *, closed=True):
     rigid = RigidSurface(
         surface.points,
         surface.areas,
-        coupling.own(surface.points),
+        coupling,
         name="tube",
         stiffness=share / DT**2,
         damping=share / DT,
     )
-    return fsi.Model(grid=grid, fluid=fluid, rigid=(rigid,), transfers=(coupling.stay(rigid.X),))
+    return fsi.Model(grid=grid, fluid=fluid, bodies=(rigid,))
+
+
+def one_point(*, area=1.0, **options):
+    """A surface of a single point in the middle of a box."""
+    grid = MacGrid([0.0] * 3, [1.0] * 3, (8, 8, 8), [False] * 3, MPI.COMM_SELF)
+    coupling = Coupling(grid, "piecewise_linear")
+    return RigidSurface(np.full((1, 3), 0.5), np.array([area]), coupling, name="s", **options)
 
 
 def run(model, steps):
@@ -74,17 +82,15 @@ def test_an_open_tube_lets_the_fluid_through():
 
 def test_every_point_belongs_to_one_rank_and_the_flow_does_not_depend_on_ranks():
     together, alone = model(MPI.COMM_WORLD, 50.0 * MMHG), model(MPI.COMM_SELF, 50.0 * MMHG)
-    ids = np.concatenate(MPI.COMM_WORLD.allgather(together.rigid[0].ids))
-    assert np.array_equal(np.sort(ids), np.arange(together.rigid[0].num_nodes))
+    ids = np.concatenate(MPI.COMM_WORLD.allgather(together.bodies[0].ids))
+    assert np.array_equal(np.sort(ids), np.arange(together.bodies[0].num_points))
     (state, flows), (_, expected) = run(together, 20), run(alone, 20)
     assert flows == pytest.approx(expected, rel=1e-9, abs=1e-12)
-    assert len(state.carried[0]) == len(together.rigid[0].X)
+    assert len(state.bodies[0]["d"]) == len(together.bodies[0].X)
 
 
 def test_the_force_holds_back_what_is_carried_away():
-    surface = RigidSurface(
-        np.zeros((2, 3)), np.array([0.5, 2.0]), np.array([1]), name="s", stiffness=3.0, damping=4.0
-    )
+    surface = one_point(stiffness=3.0, damping=4.0, area=2.0)
     force = surface.force(np.array([[0.1, 0.0, -0.2]]), np.array([[1.0, 0.0, 0.0]]))
     assert force == pytest.approx(2.0 * np.array([[-0.3 - 4.0, 0.0, 0.6]]))
 
@@ -93,14 +99,10 @@ def test_points_slip_back_to_their_place():
     """One step from the same displacement: d' = d - slip d + what the flow carries, which both have in common."""
     held = model(MPI.COMM_WORLD, 10.0 * MMHG)
     state, _ = run(held, 20)
-    d, slip = state.carried[0], 0.3 / DT
-    surface = held.rigid[0]
-    settings = {"name": "tube", "stiffness": surface.stiffness, "damping": surface.damping}
-    areas = np.zeros(surface.num_nodes)
-    areas[surface.ids] = surface._weights[:, 0]
-    slipping = RigidSurface(surface.points, areas, surface.ids, slip=slip, **settings)
-    one = fsi.step(held, state, DT).carried[0]
-    two = fsi.step(replace(held, rigid=(slipping,)), state, DT).carried[0]
+    d, slipping = state.bodies[0]["d"], copy(held.bodies[0])
+    slipping.slip = 0.3 / DT
+    one = fsi.step(held, state, DT).bodies[0]["d"]
+    two = fsi.step(replace(held, bodies=(slipping,)), state, DT).bodies[0]["d"]
     assert MPI.COMM_WORLD.allreduce(float(np.abs(d).max(initial=0.0)), op=MPI.MAX) > 1e-9
     np.testing.assert_allclose(one - two, 0.3 * d, rtol=1e-9, atol=1e-15)
 
@@ -119,12 +121,4 @@ def test_a_point_too_near_to_a_side_is_refused():
 )
 def test_springs_that_cannot_hold_are_refused(stiffness, damping, slip):
     with pytest.raises(ValueError, match="expected stiffness > 0, damping >= 0 and slip >= 0"):
-        RigidSurface(
-            np.zeros((1, 3)),
-            np.ones(1),
-            np.arange(1),
-            name="s",
-            stiffness=stiffness,
-            damping=damping,
-            slip=slip,
-        )
+        one_point(stiffness=stiffness, damping=damping, slip=slip)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.coupled_case import block_model, simulation
-from tests.test_stable_step import stays_calm
+from tests.coupled_case import block_model, moved, simulation, slipping
+from tests.run.test_stable_step import stays_calm
 from valvefsi import fsi
+from valvefsi.bodies.elastic import Elastic
 from valvefsi.case.build import build
 from valvefsi.case.reading import parse_case
 from valvefsi.coupling.transfer import Coupling
@@ -33,10 +32,8 @@ def slab(c1, permeability):
     solid = Structure(mesh, NeoHookean(c1=c1), **given)
     grid = MacGrid([0, 0], [1, 1], [16, 16], [True, True])
     fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=0.05)
-    couplings = (Coupling(grid, "bspline3"),)
-    return fsi.Model(
-        grid=grid, fluid=fluid, solids=(solid,), couplings=couplings, seepage={0: solid.mobility()}
-    )
+    body = Elastic(solid, Coupling(grid, "bspline3"), mobility=solid.mobility())
+    return fsi.Model(grid=grid, fluid=fluid, bodies=(body,))
 
 
 def test_confined_compression_relaxes_as_in_biphasic_theory():
@@ -46,12 +43,12 @@ def test_confined_compression_relaxes_as_in_biphasic_theory():
     """
     c1, k, size = 6.0, 2e-2, 1e-4
     model, dt, steps = slab(c1, k), 2e-4, 400
-    solid = model.solids[0]
+    solid = model.bodies[0].solid
     mode = np.cos(np.pi * (solid.X[:, 0] - 0.25) / 0.5)
     state = fsi.initial_state(model, dt)
     chi = solid.X.copy()
     chi[:, 0] += size * mode
-    state = replace(state, chi=(chi,))
+    state = moved(state, chi=chi)
     for _ in range(steps):
         state = fsi.step(model, state, dt)
 
@@ -61,34 +58,34 @@ def test_confined_compression_relaxes_as_in_biphasic_theory():
 
     rate = k * (2.0 * c1) * (np.pi / 0.5) ** 2
     assert np.exp(-rate * steps * dt) < 0.5
-    measured = -np.log(amplitude(state.chi[0]) / size) / (steps * dt)
+    measured = -np.log(amplitude(state.bodies[0]["chi"]) / size) / (steps * dt)
     assert measured == pytest.approx(rate, rel=2e-3)
     fastest = max(float(np.abs(c).max()) for c in state.u)
     assert fastest < 1e-3 * rate * size
 
 
 def test_without_it_the_slab_stays_compressed():
-    model = replace(slab(6.0, 1e-2), seepage={})
+    model = slipping(slab(6.0, 1e-2), None)
     state = fsi.initial_state(model, 2e-4)
-    chi = model.solids[0].X.copy()
+    chi = model.bodies[0].solid.X.copy()
     chi[:, 0] += 1e-4 * np.cos(2 * np.pi * (chi[:, 0] - 0.25))
-    state = replace(state, chi=(chi,))
+    state = moved(state, chi=chi)
     for _ in range(20):
         state = fsi.step(model, state, 2e-4)
-    assert np.abs(state.chi[0] - chi).max(initial=0.0) < 1e-9
+    assert np.abs(state.bodies[0]["chi"] - chi).max(initial=0.0) < 1e-9
 
 
 def seeping(comm=WORLD, permeability=0.05):
     model = block_model(comm, load=2.0, tether=50.0)
-    return replace(model, seepage={0: permeability / model.solids[0].weights})
+    return slipping(model, permeability / model.bodies[0].solid.weights)
 
 
 def test_the_limit_of_the_plan_is_on_the_safe_side():
     model = block_model(load=2.0, tether=50.0, permeability=2.0)
     limits = step_limits(model)
-    limit = limits["seepage, block"]
+    limit = limits["Darcy slip, block"]
     assert limit < 0.5 * limits["elastic, block"]
-    model = replace(model, seepage={0: model.solids[0].mobility()})
+    model = slipping(model, model.bodies[0].solid.mobility())
     assert stays_calm(model, limit)
     assert not stays_calm(model, 8.0 * limit)
 
@@ -100,13 +97,13 @@ def test_it_does_not_depend_on_the_number_of_ranks():
         state = fsi.initial_state(model, 0.02)
         for _ in range(20):
             state = fsi.step(model, state, 0.02)
-        energies.append(model.solids[0].energy(state.chi[0]))
+        energies.append(model.bodies[0].solid.energy(state.bodies[0]["chi"]))
     assert energies[0] == pytest.approx(energies[1], rel=1e-10)
     model = block_model(MPI.COMM_SELF, load=2.0, tether=50.0)
     state = fsi.initial_state(model, 0.02)
     for _ in range(20):
         state = fsi.step(model, state, 0.02)
-    assert abs(model.solids[0].energy(state.chi[0]) / energies[0] - 1) > 1e-6
+    assert abs(model.bodies[0].solid.energy(state.bodies[0]["chi"]) / energies[0] - 1) > 1e-6
 
 
 def test_a_run_lets_its_solids_seep_as_the_step_does(shared_tmp):
@@ -115,7 +112,7 @@ def test_a_run_lets_its_solids_seep_as_the_step_does(shared_tmp):
     for _ in range(10):
         state = fsi.step(model, state, 0.02)
     last = simulation(shared_tmp, model=model, steps=10, dt=0.02).run().state
-    np.testing.assert_allclose(last.chi[0], state.chi[0], rtol=1e-12)
+    np.testing.assert_allclose(last.bodies[0]["chi"], state.bodies[0]["chi"], rtol=1e-12)
 
 
 def test_a_case_gives_permeability_and_viscosity(tmp_path):
@@ -126,7 +123,6 @@ def test_a_case_gives_permeability_and_viscosity(tmp_path):
     grid = {"lower": [0, 0], "upper": [4, 4], "cells": [16, 16]}
     case = parse_case({"grid": grid, "time": {"dt": "1 ms", "t_end": "1 s"}, "solid": [solid]})
     model = build(case, tmp_path, MPI.COMM_SELF).model
-    body = model.solids[0]
+    body = model.bodies[0].solid
     assert body.viscosity.eta == pytest.approx(20.0)
-    assert list(model.seepage) == [0]
-    np.testing.assert_allclose(model.seepage[0] * body.weights, 1e-10)
+    np.testing.assert_allclose(model.bodies[0].mobility[:, 0] * body.weights, 1e-10)

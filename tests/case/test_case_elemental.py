@@ -27,7 +27,7 @@ def test_the_coupling_of_a_case_is_the_one_it_names(shared_tmp):
     kinds = {"nodal": Coupling, "elemental": ElementalCoupling}
     for name, kind in kinds.items():
         simulation = build(load_case(DEMO, [f"solid.block.coupling={name}"]), shared_tmp)
-        assert isinstance(simulation.model.couplings[0], kind)
+        assert isinstance(simulation.model.bodies[0].coupling, kind)
 
 
 def test_both_couplings_sink_alike_but_not_the_same(shared_tmp):
@@ -43,7 +43,7 @@ def test_the_gap_between_points_is_taken_from_the_case(shared_tmp):
     for gap in (0.25, 1.0):
         overrides = ["solid.block.coupling=elemental", f"solid.block.point_gap={gap}"]
         model = build(load_case(DEMO, overrides), shared_tmp).model
-        solid, coupling = model.solids[0], model.couplings[0]
+        solid, coupling = model.bodies[0].solid, model.bodies[0].coupling
         rule = coupling.points.refined(solid.X, gap * model.grid.spacing[0])
         count = model.grid.comm.allreduce(len(rule.x))
         assert count == model.grid.comm.allreduce(len(coupling.at(solid.X).rule.x))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.test_case_valve import COARSE
+from tests.case.test_case_valve import COARSE
 from valvefsi.case import load_case
 from valvefsi.case.build import build, plan_case, run_case
 from valvefsi.case.expressions import read_table

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.test_case_valve import coarse
+from tests.case.test_case_valve import coarse
 from valvefsi.case.build import build, run_case
 from valvefsi.io.history import read_history
 from valvefsi.io.solid_body import read_body

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.image import imread
 from typer.testing import CliRunner
 
-from tests.test_case_valve import coarse
+from tests.case.test_case_valve import coarse
 from valvefsi.case.build import run_case
 from valvefsi.case.valve_views import draw_leaflets, moments, read_leaflets
 from valvefsi.cli import app

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.coupled_case import block_model, simulation
+from tests.coupled_case import block_model, coupled, moved, simulation
 from valvefsi import fsi
 from valvefsi.benchmarks.cavity_solids import PARAMETERS, Setup, model_of
 from valvefsi.benchmarks.immersed import Numerics
+from valvefsi.bodies.elastic_plan import LONGEST_GAP
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.geometry.shapes import box, rectangle
-from valvefsi.run.health import LONGEST_GAP, Health, widest_gap
+from valvefsi.run.health import Health
 from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure
@@ -38,7 +39,7 @@ def test_the_largest_gap_is_that_of_the_stretched_edges(kind, degree):
 
 def stretched(model, factor):
     state = fsi.initial_state(model, 0.01)
-    return replace(state, chi=(state.chi[0] * np.array([factor, 1.0, 1.0]),), t=0.3)
+    return replace(moved(state, chi=state.bodies[0]["chi"] * np.array([factor, 1.0, 1.0])), t=0.3)
 
 
 def test_a_stretched_solid_is_warned_of_once_with_ratio_and_remedy(comm):
@@ -60,10 +61,10 @@ def test_a_stretched_solid_is_warned_of_once_with_ratio_and_remedy(comm):
 
 def test_points_that_follow_the_elements_are_not_warned_of():
     model = block_model(cells=16)
-    solid = model.solids[0]
+    solid = model.bodies[0].solid
     for gap, warned in ((0.5, 0), (1.5, 1)):
         coupling = ElementalCoupling(model.grid, "bspline3", ElementPoints(solid), gap)
-        health = Health(replace(model, couplings=(coupling,)))
+        health = Health(coupled(model, coupling))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             health.look(stretched(model, 1.6))
@@ -90,8 +91,8 @@ def area_change(ratio, coupling, t_end=2.5):
     state = fsi.initial_state(model, dt)
     for _ in range(round(t_end / dt)):
         state = fsi.step(model, state, dt)
-    gap = widest_gap(solid, model.couplings[0], state.chi[0]) / model.grid.spacing[0]
-    return solid.volume(state.chi[0]) / solid.reference_volume - 1.0, gap
+    gap = model.bodies[0].gap(state.bodies[0]) / model.grid.spacing[0]
+    return solid.volume(state.bodies[0]["chi"]) / solid.reference_volume - 1.0, gap
 
 
 def test_a_disk_leaks_where_its_nodes_are_drawn_apart_and_not_with_a_finer_mesh_or_points_that_follow():

@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from tests.coupled_case import block_model, simulation
+from tests.coupled_case import block_model, coupled, moved, simulation
 from valvefsi import fsi
 from valvefsi.coupling.elemental import ElementalCoupling
+from valvefsi.coupling.kernels import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
-from valvefsi.run.planning import largest_square_sum, plan, step_limits
+from valvefsi.run.planning import plan, step_limits
 from valvefsi.solid.elements.element_points import ElementPoints
 
 
 def largest_speed_after(model, dt, steps=200):
     """March a slightly disturbed block; return the largest speed at the end."""
     state = fsi.initial_state(model, dt)
-    phase = 7.0 * model.solids[0].X
+    phase = 7.0 * model.bodies[0].solid.X
     noise = 1e-3 * np.stack(
         [np.sin(phase[:, 0] + 3 * phase[:, 1]), np.cos(phase[:, 1]), 0 * phase[:, 2]], axis=1
     )
-    state = replace(state, chi=(state.chi[0] + noise,))
+    state = moved(state, chi=state.bodies[0]["chi"] + noise)
     for _ in range(steps):
         state = fsi.step(model, state, dt)
     return max(np.abs(c).max() for c in state.u)
@@ -32,7 +31,7 @@ def largest_speed_after(model, dt, steps=200):
 @pytest.mark.parametrize("kernel", ["piecewise_linear", "bspline3", "ib6"])
 def test_a_tether_is_stable_up_to_the_planned_step_and_not_far_beyond(kernel):
     model = block_model(load=2.0)
-    model = replace(model, couplings=(Coupling(model.grid, kernel),))
+    model = coupled(model, Coupling(model.grid, kernel))
     limit = step_limits(model)["tether, block"]
     assert largest_speed_after(model, 0.95 * limit) < 0.1
     with pytest.raises(StabilityError):
@@ -59,8 +58,8 @@ def test_the_plan_states_sizes_limits_give_and_time(shared_tmp):
     assert entries["steps"].value == 40
     assert entries["points of block"].value == 9 * 5
     # 200 dyn/cm^2 on 10 of 20 cm, over 2e4 dyn/cm^3
-    assert entries["give of the tether on bottom (y)"].value == pytest.approx(100 / 2e4)
-    assert entries["give of the tether on top_loaded, top_outer (x)"].value == 0.0
+    assert entries["static displacement of the tether on bottom (y)"].value == pytest.approx(100 / 2e4)
+    assert entries["static displacement of the tether on top_loaded, top_outer (x)"].value == 0.0
     assert entries["CFL limit: largest speed"].value == pytest.approx(0.5 * (40 / 24) / 0.02)
     measured = entries["step limit, measured at rest, block"]
     assert measured.value == pytest.approx(
@@ -92,10 +91,10 @@ def test_the_plan_warns_where_a_case_leaves_the_safe_range(shared_tmp, changes, 
     kernel, kind = choices.pop("kernel"), choices.pop("coupling")
     model = block_model(**choices)
     if kind == "elemental":
-        coupling = ElementalCoupling(model.grid, kernel, ElementPoints(model.solids[0]))
+        coupling = ElementalCoupling(model.grid, kernel, ElementPoints(model.bodies[0].solid))
     else:
         coupling = Coupling(model.grid, kernel)
-    run = simulation(shared_tmp, model=replace(model, couplings=(coupling,)))
+    run = simulation(shared_tmp, model=coupled(model, coupling))
     notes = [entry.note for entry in plan(run) if entry.quantity == "warning, block"]
     assert len(notes) == len(warned)
     for note, start in zip(notes, warned, strict=True):

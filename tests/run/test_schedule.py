@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from tests.coupled_case import DT, STEPS, block_model, simulation
 from tests.ordering import assert_order
-from tests.test_simulation import largest_gap, stop_after, whole_state
+from tests.run.test_simulation import largest_gap, stop_after, whole_state
 from valvefsi import fsi
 from valvefsi.case import load_case
 from valvefsi.case.build import build
@@ -136,19 +136,19 @@ def test_the_measured_step_is_restored_with_the_state(shared_tmp):
     final = stiff(shared_tmp / "cut")[0].run(resume=True).state
     assert final.step == expected.step
     assert final.dt_stable == pytest.approx(expected.dt_stable, rel=1e-9)
-    assert np.abs(final.chi[0] - expected.chi[0]).max(initial=0.0) < 1e-12
+    assert np.abs(final.bodies[0]["chi"] - expected.bodies[0]["chi"]).max(initial=0.0) < 1e-12
 
 
 def test_a_fault_that_shorter_steps_avoid_is_recovered_from_and_told(shared_tmp):
     sim = adaptive(shared_tmp, lid=2.0, measure_every=0)
-    inner, calls = sim.model.solids[0].force, []
+    inner, calls = sim.model.bodies[0].solid.force, []
 
     def force(chi, U, t):
         calls.append(t)
         fault = 0.3 < t < 0.5 and len(calls) < 19
         return inner(chi, U, t) * (np.nan if fault else 1.0)
 
-    sim.model.solids[0].force = force
+    sim.model.bodies[0].solid.force = force
     outcome = sim.run()
     assert outcome.state.t == pytest.approx(T_END, rel=1e-12)
     assert len(outcome.recoveries) == 3
@@ -163,8 +163,8 @@ def test_a_fault_that_shorter_steps_avoid_is_recovered_from_and_told(shared_tmp)
 
 def test_a_fault_that_stays_ends_the_run_after_the_allowed_recoveries(shared_tmp):
     sim = adaptive(shared_tmp, lid=2.0, max_recoveries=3)
-    inner = sim.model.solids[0].force
-    sim.model.solids[0].force = lambda chi, U, t: inner(chi, U, t) * (np.nan if t > 0.3 else 1.0)
+    inner = sim.model.bodies[0].solid.force
+    sim.model.bodies[0].solid.force = lambda chi, U, t: inner(chi, U, t) * (np.nan if t > 0.3 else 1.0)
     with pytest.raises(StabilityError, match="last good state"):
         sim.run()
     assert len(sim.recoveries) == 3
@@ -182,7 +182,7 @@ KILLED = """
 import os, signal
 from pathlib import Path
 from mpi4py import MPI
-from tests.test_schedule import adaptive
+from tests.run.test_schedule import adaptive
 
 def progress(step, *_):
     if step == 23 and MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1:

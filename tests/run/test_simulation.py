@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.coupled_case import DT, STEPS, block_model, simulation
+from tests.coupled_case import DT, STEPS, block_model, moved, simulation
 from valvefsi import fsi
 from valvefsi.errors import CaseError, StabilityError, Stopped
 from valvefsi.io.history import read_history
@@ -26,9 +26,9 @@ def whole_state(sim, state):
         owned = grid.owned_faces(d)
         out.append(gathered(grid, state.u[d][owned], grid.face_shape(d)))
     out.append(gathered(grid, state.p[grid.owned], grid.cells))
-    for solid, chi in zip(sim.model.solids, state.chi, strict=True):
-        whole = np.zeros((solid.num_nodes, 3))
-        whole[solid.ids] = chi
+    for body, q in zip(sim.model.bodies, state.bodies, strict=True):
+        whole = np.zeros((body.num_points, 3))
+        whole[body.ids] = q["chi"]
         out.append(grid.comm.allreduce(whole))
     return out
 
@@ -62,7 +62,7 @@ def test_the_block_moves_and_the_velocity_is_solenoidal(shared_tmp):
     state = sim.run().state
     fluid = sim.model.fluid
     assert WORLD.allreduce(np.abs(fluid.divergence(state.u)[fluid.grid.owned]).max(), op=MPI.MAX) < 1e-12
-    top = state.chi[0][np.isclose(sim.model.solids[0].X[:, 1], 25.0)]
+    top = state.bodies[0]["chi"][np.isclose(sim.model.bodies[0].solid.X[:, 1], 25.0)]
     assert WORLD.allreduce((25.0 - top[:, 1]).max(initial=0.0), op=MPI.MAX) > 0.01
 
 
@@ -168,9 +168,9 @@ def test_an_unstable_tether_stops_with_the_last_good_state(shared_tmp):
 def test_an_inverted_element_is_named(shared_tmp):
     sim = simulation(shared_tmp)
     start = fsi.initial_state(sim.model, DT)
-    chi = start.chi[0].copy()
+    chi = start.bodies[0]["chi"].copy()
     chi[:, 0] = 40.0 - chi[:, 0]
-    sim.initial = fsi.State(**{**vars(start), "chi": (chi,)})
+    sim.initial = moved(start, chi=chi)
     with pytest.raises(
         StabilityError, match=r"element of block is inverted, J = -.*near \(\d+.*\) cm, t = 0 s"
     ):
@@ -179,8 +179,8 @@ def test_an_inverted_element_is_named(shared_tmp):
 
 def test_a_velocity_that_is_not_finite_is_named(shared_tmp):
     sim = simulation(shared_tmp)
-    inner = sim.model.solids[0].force
-    sim.model.solids[0].force = lambda chi, U, t: inner(chi, U, t) * (np.nan if t > 0.3 else 1.0)
+    inner = sim.model.bodies[0].solid.force
+    sim.model.bodies[0].solid.force = lambda chi, U, t: inner(chi, U, t) * (np.nan if t > 0.3 else 1.0)
     with pytest.raises(
         StabilityError, match=r"velocity is not finite at .*t = 0\.32 s \(step 16\)"
     ) as caught:
@@ -190,8 +190,8 @@ def test_a_velocity_that_is_not_finite_is_named(shared_tmp):
 
 def test_a_fault_does_not_remove_a_checkpoint_that_is_newer_than_the_last_row(shared_tmp):
     sim = simulation(shared_tmp, history_every=1000, frames=0, checkpoint_every=10)
-    inner = sim.model.solids[0].force
-    sim.model.solids[0].force = lambda chi, U, t: inner(chi, U, t) * (np.nan if t > 0.5 else 1.0)
+    inner = sim.model.bodies[0].solid.force
+    sim.model.bodies[0].solid.force = lambda chi, U, t: inner(chi, U, t) * (np.nan if t > 0.5 else 1.0)
     with pytest.raises(StabilityError, match=r"last good state, t = 0\.4 s"):
         sim.run()
     check_last_good_state(shared_tmp, StabilityError("step_00000020.vfc"))
@@ -203,5 +203,5 @@ def check_last_good_state(folder, error):
     assert names
     assert names[-1] in str(error)
     state = simulation(folder)._first_state(resume=True)
-    assert all(np.isfinite(c).all() for c in (*state.u, state.p, *state.chi))
+    assert all(np.isfinite(c).all() for c in (*state.u, state.p, state.bodies[0]["chi"]))
     WORLD.barrier()

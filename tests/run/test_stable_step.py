@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.test_planning import largest_speed_after
-from valvefsi.bodies.excess_mass import ExcessMass
+from tests.coupled_case import block_model, heavy, slipping
+from tests.run.test_planning import largest_speed_after
+from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.run.planning import step_limits
 from valvefsi.run.stable_step import _largest_eigenvalue, measured_limit
-
-from .coupled_case import block_model
 
 
 def test_lanczos_finds_the_largest_eigenvalue_of_a_product():
@@ -36,12 +35,12 @@ def stays_calm(model, dt):
     ("kernel", "density"), [("piecewise_linear", 1.0), ("bspline3", 1.0), ("ib6", 1.0), ("bspline3", 7.0)]
 )
 def test_it_parts_what_is_stable_from_what_is_not(kernel, density):
-    """Ties to the excess mass of a heavy block take a part of its limit."""
+    """The penalty of the excess mass of a heavy block take a part of its limit."""
     model = block_model(load=2.0, tether=50.0)
-    model = replace(model, couplings=(Coupling(model.grid, kernel),))
+    body = Elastic(model.bodies[0].solid, Coupling(model.grid, kernel))
+    model = replace(model, bodies=(body,))
     if density > 1.0:
-        excess = ExcessMass(0, model.solids[0], model.couplings[0], rho=model.fluid.rho, density=density)
-        model = replace(model, heavy=(excess,))
+        model = heavy(model, density)
     limit = step_limits(model)["elastic, block"]
     assert measured_limit(model, limit, 0) > limit
     for _ in range(6):  # the step at which the dampers are taken
@@ -64,14 +63,14 @@ def test_the_viscosity_of_a_solid_is_in_it():
 
 def test_what_slips_through_the_fluid_is_in_it():
     model = block_model(load=2.0, tether=50.0, damping=0.0, permeability=2.0)
-    model = replace(model, seepage={0: model.solids[0].mobility()})
+    model = slipping(model, model.bodies[0].solid.mobility())
     limits = step_limits(model)
-    assert limits["seepage, block"] < 0.5 * limits["elastic, block"]
-    limit = limits["seepage, block"]
+    assert limits["Darcy slip, block"] < 0.5 * limits["elastic, block"]
+    limit = limits["Darcy slip, block"]
     assert measured_limit(model, limit, 0) > limit
     for _ in range(12):
         limit = measured_limit(model, limit, 0)
-    assert limit < 0.7 * measured_limit(replace(model, seepage={}), limit, 0)
+    assert limit < 0.7 * measured_limit(slipping(model, None), limit, 0)
     assert stays_calm(model, 0.95 * limit)
     assert not stays_calm(model, 1.12 * limit)
 

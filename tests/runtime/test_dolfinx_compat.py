@@ -43,7 +43,7 @@ def test_a_dolfinx_without_the_wheel_imports_too():
         "import importlib.util, sys\n"
         "if importlib.util.find_spec('dolfinx_solver'): import dolfinx_solver\n"
         "sys.modules['dolfinx_solver'] = None\n"
-        "import valvefsi.dolfinx_compat\n"
+        "import valvefsi.runtime.dolfinx_compat\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

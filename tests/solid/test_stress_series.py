@@ -27,7 +27,7 @@ def test_a_coupled_run_writes_the_stress_of_its_solids(shared_tmp):
         assert read_body(files[0]).values["von Mises stress [dyn/cm^2]"].max() == pytest.approx(0.0, abs=1e-8)
         moved = np.linalg.norm(body.points - body.reference, axis=1).max()
         assert moved > 0.01
-    chi, X = state.chi[0], sim.model.solids[0].X
+    chi, X = state.bodies[0]["chi"], sim.model.bodies[0].solid.X
     assert MPI.COMM_WORLD.allreduce(np.linalg.norm(chi - X, axis=1).max(initial=0.0), op=MPI.MAX) > 0.01
 
 

@@ -24,11 +24,12 @@ from valvefsi import fsi
 from valvefsi.benchmarks.immersed import Numerics, couple
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.benchmarks.static_study import read_parameters
+from valvefsi.bodies.elastic import Elastic
+from valvefsi.bodies.elastic_plan import LONGEST_GAP
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.geometry.blocks import ball
 from valvefsi.grid import MacGrid
-from valvefsi.run.health import LONGEST_GAP, widest_gap
 from valvefsi.run.simulation import timed
 from valvefsi.runtime.memory import keep_freed_memory
 from valvefsi.solid.structure import Discretisation, Structure
@@ -120,9 +121,7 @@ def model_of(
     dt, physics = values["dt_per_h"] / n, {"rho": values["rho"], "mu": values["mu"]}
     explicit = 2.0 * dt < ExplicitViscosity.limit(grid, **physics)
     fluid = (ExplicitViscosity if explicit else NavierStokes)(grid, sides, **physics)
-    return fsi.Model(
-        grid=grid, fluid=fluid, solids=(solid,), couplings=(couple(fluid, solid, numerics),)
-    ), solid
+    return fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, couple(fluid, solid, numerics)),)), solid
 
 
 def run(
@@ -211,14 +210,14 @@ class _Sums(dict):
 
 
 def _record(history: dict[str, list[float]], model: fsi.Model, state: fsi.State) -> None:
-    chi, solid, grid = state.chi[0], model.solids[0], model.grid
+    chi, solid, grid = state.bodies[0]["chi"], model.bodies[0].solid, model.grid
     moment = grid.comm.allreduce((solid.weights[:, None] * chi).sum(axis=0))
     centre = moment / solid.reference_volume
     history["t"].append(state.t)
     history["change"].append(solid.volume(chi) / solid.reference_volume - 1.0)
     history["x"].append(float(centre[0]))
     history["y"].append(float(centre[1]))
-    history["gap"].append(widest_gap(solid, model.couplings[0], chi) / float(grid.spacing[0]))
+    history["gap"].append(model.bodies[0].gap(state.bodies[0]) / float(grid.spacing[0]))
 
 
 def time_of_pair(n: int, dim: int) -> float:

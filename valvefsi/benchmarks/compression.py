@@ -202,7 +202,7 @@ def static_reference(simulation: Simulation, case: Case) -> dict[str, float]:
     Note:
         Collective.
     """
-    solid = simulation.model.solids[0]
+    solid = simulation.model.bodies[0].solid
     fixed = [statics.Fixed(on=t.on, components=t.components) for t in case.solid[0].tether]
     solution = statics.solve(solid.mesh, solid.material, fixed=fixed, loads=solid.loads)
     return {"u_y_top_centre_cm": float(solution.displacement_at((20.0, 25.0))[1])}

@@ -74,7 +74,7 @@ def simulation(numerics: Numerics, values: Mapping[str, float], folder: Path, co
     grid = MacGrid(SHIFT, [s + BOX for s in SHIFT], [n, n], [False, False], comm)
     model = immersed_model(grid, Boundary(grid), solid, numerics, values)
     steps = round(values["t_end"] * n / (values["dt_per_h"] * BOX))
-    probe = Probe(name="corner", solid=0, at=COOK[2])
+    probe = Probe(name="corner", body=0, at=COOK[2])
     output = Output(directory=folder, history_every=max(1, steps // 300), probes=(probe,))
     return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
 

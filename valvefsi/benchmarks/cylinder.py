@@ -16,7 +16,6 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -26,14 +25,14 @@ from valvefsi import fsi
 from valvefsi.benchmarks.parameters import read_quantities
 from valvefsi.benchmarks.results import environment, row, write_result
 from valvefsi.benchmarks.wall_offset import wall_offset
-from valvefsi.coupling.kernels import KERNELS
+from valvefsi.bodies.rigid import RigidSurface
+from valvefsi.coupling.kernels import KERNELS, largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Open, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
-from valvefsi.grid import Array, MacGrid
+from valvefsi.grid import Array, Faces, MacGrid
 from valvefsi.grid.grading import graded_edges
-from valvefsi.run.planning import largest_square_sum
 from valvefsi.runtime.memory import keep_freed_memory
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
@@ -64,32 +63,6 @@ FITTED = {
 PACE = 0.02
 """Part of its way back that a point slips through the fluid in a step: springs whose forces cancel in the kernel would
 not hold it. On every grid, a traction of rho U^2 then drives fluid through the surface with 0.003 U."""
-
-
-@dataclass(kw_only=True)
-class HeldRing:
-    """Points on a circle, held where they are: force on the fluid w [kappa (X - chi) - eta U] at each.
-
-    Attributes:
-        X: Places of this rank's points, ``(n, 3)`` [cm].
-        weight: Length of the circle that belongs to a point, per cm depth [cm^2].
-        stiffness: kappa [dyn/cm^3].
-        damping: eta [dyn s/cm^3].
-        total: Sum of the forces of the last call, on this rank [dyn].
-    """
-
-    X: Array
-    weight: float
-    stiffness: float
-    damping: float
-    total: Array = field(default_factory=lambda: np.zeros(3))
-
-    def force(self, chi: Array, U: Array, t: float) -> Array:
-        """Forces on the fluid, ``(n, 3)`` [dyn]."""
-        F = self.weight * (self.stiffness * (self.X - chi) - self.damping * U)
-        F[:, 2] = 0.0
-        self.total = F.sum(axis=0)
-        return F
 
 
 def run(
@@ -191,40 +164,44 @@ def build(cells: int, parameters: dict[str, object], comm: MPI.Comm) -> tuple[fs
     fluid = kind(grid, Boundary(grid, sides), rho=1.0, mu=mu, advection="xsppm7")
     # Half of the limits of an explicit spring and damper on the fluid that the kernel moves, see the plan.
     share = float(grid.spacing[0]) / largest_square_sum(parameters["kernel"])
-    n = math.ceil(math.pi / (0.5 * h)) if comm.rank == 0 else 0
-    angle = 2.0 * np.pi * np.arange(n) / max(n, 1)
+    n = math.ceil(math.pi / (0.5 * h))
+    angle = 2.0 * np.pi * np.arange(n) / n
     radius = 0.5 - parameters["draw_in"] * wall_offset(parameters["kernel"]) * h
-    ring = HeldRing(
-        X=np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(n, 0.5)], axis=1),
-        weight=2.0 * math.pi * radius / math.ceil(math.pi / (0.5 * h)),
+    ring = RigidSurface(
+        np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(n, 0.5)], axis=1),
+        np.full(n, 2.0 * math.pi * radius / n),
+        Coupling(grid, parameters["kernel"]),
+        name="cylinder",
         stiffness=0.5 * share / dt**2,
         damping=0.5 * share / dt,
+        slip=PACE / dt,
     )
-    coupling = Coupling(grid, parameters["kernel"])
-    slip = np.full(len(ring.X), PACE / (ring.stiffness * dt * ring.weight))
-    return fsi.Model(grid=grid, fluid=fluid, solids=(ring,), couplings=(coupling,), seepage={0: slip}), dt
+    return fsi.Model(grid=grid, fluid=fluid, bodies=(ring,)), dt
 
 
 def march(
     model: fsi.Model, dt: float, t_end: float, progress: Progress | None = None
 ) -> tuple[Array, Array, Array]:
     """Run from a stream with a short push across it; return times, drag and lift coefficients (collective)."""
-    grid, ring = model.grid, model.solids[0]
-    u = grid.zero_faces()
-    u[0][...] = 1.0
-    x, y, _ = grid.points(1)
-    u[1][...] = 0.5 * np.exp(-((x - 1.5) ** 2) - y**2)  # what makes it choose a side
-    state = fsi.initial_state(model, dt, u)
+    state = fsi.initial_state(model, dt, stream(model.grid))
     steps = max(1, round(t_end / dt))
     forces = np.zeros((steps, 3))
     for k in range(steps):
-        state = fsi.step(model, state, dt)
-        forces[k] = ring.total
+        old, state = state, fsi.step(model, state, dt)
+        forces[k] = (state.impulse - old.impulse)[0] / dt
         if progress is not None:
             progress(k + 1, state.t, t_end, {})
-    forces = grid.comm.allreduce(forces)
     t = dt * (np.arange(steps) + 0.5)
     return t, -2.0 * forces[:, 0], -2.0 * forces[:, 1]
+
+
+def stream(grid: MacGrid) -> Faces:
+    """Return a stream of speed 1 with a short push across it, which makes it choose a side [cm/s]."""
+    u = grid.zero_faces()
+    u[0][...] = 1.0
+    x, y, _ = grid.points(1)
+    u[1][...] = 0.5 * np.exp(-((x - 1.5) ** 2) - y**2)
+    return u
 
 
 def numbers(t: Array, drag: Array, lift: Array) -> dict[str, float]:

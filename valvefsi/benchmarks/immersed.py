@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError
@@ -87,7 +88,7 @@ def immersed_model(
 ) -> Model:
     """Return the model of one solid in one box; ``fluid`` holds rho and mu (collective)."""
     flow = NavierStokes(grid, boundary, rho=fluid["rho"], mu=fluid["mu"])
-    return Model(grid=grid, fluid=flow, solids=(solid,), couplings=(couple(flow, solid, numerics),))
+    return Model(grid=grid, fluid=flow, bodies=(Elastic(solid, couple(flow, solid, numerics)),))
 
 
 def run_kept(

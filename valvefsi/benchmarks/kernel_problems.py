@@ -137,7 +137,7 @@ def block(numerics: Numerics, values: Mapping[str, float], folder: Path, comm: M
     grid = MacGrid((0.0, 0.0), (BOX, BOX), [n, n], [False, False], comm)
     model = immersed_model(grid, Boundary(grid), solid, numerics, values)
     steps = round(values["t_end"] * n / (values["dt_per_h"] * BOX))
-    probe = Probe(name="top_centre", solid=0, at=TOP)
+    probe = Probe(name="top_centre", body=0, at=TOP)
     output = Output(directory=folder, history_every=max(1, steps // 300), probes=(probe,))
     return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
 

@@ -17,14 +17,14 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
-from valvefsi.bodies.fixed import RigidSurface
+from valvefsi.bodies.rigid import RigidSurface
+from valvefsi.coupling.kernels import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, Disk, Mixed, Open
 from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.geometry.aortic_section import AorticSection, joined, plug
 from valvefsi.grid import Array, MacGrid
-from valvefsi.run.planning import largest_square_sum
 from valvefsi.units import MMHG
 
 Progress = Callable[[int, float, float, dict[str, float]], None]
@@ -81,10 +81,9 @@ def build(parameters: dict[str, float | str], comm: MPI.Comm) -> fsi.Model:
     surface = joined(section.housing(h, (-BELOW + 0.5 * h, top - 0.5 * h)), plug(inlet, -0.5 * BELOW, h))
     coupling = Coupling(grid, KERNEL)
     share = hold * h / largest_square_sum(KERNEL)
-    own = coupling.own(surface.points)
     springs = {"stiffness": share / dt**2, "damping": share / dt}
-    rigid = RigidSurface(surface.points, surface.areas, own, name="section", **springs)
-    return fsi.Model(grid=grid, fluid=fluid, rigid=(rigid,), transfers=(coupling.stay(rigid.X),))
+    rigid = RigidSurface(surface.points, surface.areas, coupling, name="section", **springs)
+    return fsi.Model(grid=grid, fluid=fluid, bodies=(rigid,))
 
 
 def run(
@@ -133,7 +132,7 @@ def run(
 
 def _result(parameters: dict, model: fsi.Model, flow: Array, comm: MPI.Comm) -> dict[str, object]:
     late = flow[-max(1, round(LATE * len(flow))) :]
-    leak, points = abs(float(late.mean())), comm.allreduce(len(model.rigid[0].X))
+    leak, points = abs(float(late.mean())), comm.allreduce(len(model.bodies[0].X))
     standard = parameters["h"] == PARAMETERS["h"][0] and parameters["pressure"] == PARAMETERS["pressure"][0]
     asked = (f"below {ASKED}", "what is asked at 100 mmHg and h = 1 mm") if standard else (None, "")
     table = [

@@ -24,6 +24,7 @@ from valvefsi.benchmarks.immersed import Numerics, couple
 from valvefsi.benchmarks.immersed_study import order_of
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.results import environment, row, write_result
+from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
@@ -190,7 +191,7 @@ def shell_at_rest(numerics: Numerics, values: Mapping[str, float], comm: MPI.Com
         mesh, FibreTension(), nu_stab=None, discretisation=Discretisation(kernel=numerics.kernel)
     )
     grid, fluid = _box(n, values, comm)
-    model = fsi.Model(grid=grid, fluid=fluid, solids=(solid,), couplings=(couple(fluid, solid, numerics),))
+    model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, couple(fluid, solid, numerics)),))
     state = _relax(model, n, values)
     r, p = _in_cells(grid, state)
     error = np.abs(p - exact_pressure(r, radius, wall))
@@ -199,7 +200,7 @@ def shell_at_rest(numerics: Numerics, values: Mapping[str, float], comm: MPI.Com
         "p_L2": math.sqrt(comm.allreduce((error**2).sum()) / n**2),
         "p_max": comm.allreduce(error.max(initial=0.0), op=MPI.MAX),
         "u_max": _fastest(grid, state),
-        "area_change_percent": 100.0 * (solid.volume(state.chi[0]) / solid.reference_volume - 1.0),
+        "area_change_percent": 100.0 * (solid.volume(state.bodies[0]["chi"]) / solid.reference_volume - 1.0),
     }
 
 
@@ -210,7 +211,7 @@ def _membrane(
     grid, fluid = _box(n, values, comm)
     radius = values["radius"]
     body = ClosedMembrane(comm, radius, round(2 * math.pi * radius * n / ratio))
-    model = fsi.Model(grid=grid, fluid=fluid, solids=(body,), couplings=(Coupling(grid, kernel),))
+    model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(body, Coupling(grid, kernel)),))
     state = _relax(model, n, values)
     r, p = _in_cells(grid, state)
     margin = 4.0 / n

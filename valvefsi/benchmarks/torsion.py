@@ -85,7 +85,7 @@ def simulation(numerics: Numerics, values: Mapping[str, float], folder: Path, co
     output = Output(
         directory=folder,
         history_every=max(1, steps // 200),
-        probes=(Probe(name="top_centre", solid=0, at=TOP),),
+        probes=(Probe(name="top_centre", body=0, at=TOP),),
     )
     return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
 

@@ -11,14 +11,14 @@ Here the flag is immersed, which differs from the published set-up in this:
   cannot change its area, which moves the tip along x at second order only.
 - The fluid keeps the area of what a kernel covers, not of the flag's layers: with ``nu_stab=0.4`` a flag of four cells
   bends 1.06 times as softly as with 0.49.
-- Where it is heavier than the fluid (FSI2, rho_s = 10 rho), twins of its nodes carry the difference, see
-  `valvefsi.bodies.excess_mass`.
+- Where it is heavier than the fluid (FSI2, rho_s = 10 rho), markers at its nodes carry the difference, see
+  `valvefsi.bodies.heavy`.
 - It carries the fluid's viscosity, small against its elastic stress (mu omega / mu_s is about 2e-5).
 - Surfaces are as thick as the kernel: cylinder and flag act larger by a fraction of h, which the drag feels most. The
   flag goes on into the cylinder and is held there by springs: the clamp gives way a little (``clamp_cm``).
 
 The forces are those of the fluid on cylinder and flag, from what holds them and the momentum of the flag,
-F = d/dt (int rho u + momentum of the twins) - (springs and dampers), with the integral over the flag: what holds it and
+F = d/dt (int rho u + momentum of markers) - (springs and dampers), with the integral over the flag: what holds it and
 what the fluid does to its surface together accelerate the flag. Inside the cylinder nothing moves.
 """
 
@@ -44,8 +44,7 @@ from valvefsi.errors import CaseError, StabilityError
 from valvefsi.grid import Array
 from valvefsi.io.checkpoint import newest_meta
 from valvefsi.post import diagnostics
-from valvefsi.run.recording import Output, load_state, refuse_to_overwrite, save_state
-from valvefsi.run.statistics import Statistics
+from valvefsi.run.recording import Output, load_state, memory_of, refuse_to_overwrite, save_state
 from valvefsi.runtime.memory import keep_freed_memory
 
 PARAMETERS = {
@@ -176,27 +175,24 @@ class Watch:
     """
 
     def __init__(self, model: fsi.Model) -> None:
-        self.model, self.flag, self.cylinder = model, model.solids[0], model.rigid[0]
+        self.model, self.flag = model, model.bodies[0].solid
         self.tip = self.flag.node_at((TIP, CENTRE[1]))
         self.root = self.flag.X[:, 0] < CLAMP + 1e-6
         self.rows: list[list[float]] = []
         self.snapshots: list[dict[str, object]] = []
-        self.momentum: Array | None = None
-        self.since, self.count, self.sum = 0.0, 0, np.zeros(3)
+        self.since: fsi.State | None = None
 
-    def add(self) -> None:
-        """Add the forces of the step just taken."""
-        self.sum += self.cylinder.total + self.flag.held
-        self.count += 1
-
-    def _momentum(self, state: fsi.State) -> Array:
-        U = self.model.couplings[0].at(state.chi[0]).interpolate(state.u)
-        momentum = self.model.fluid.rho * self.flag.weights @ U
-        return momentum + sum(b.momentum(t) for b, t in zip(self.model.heavy, state.twins, strict=True))
+    def _force(self, state: fsi.State) -> Array:
+        """Return the mean force of the fluid on all bodies since the last row."""
+        gained = -(state.impulse - self.since.impulse).sum(axis=0)
+        for sign, s in ((1.0, state), (-1.0, self.since)):
+            for body, q in zip(self.model.bodies, s.bodies, strict=True):
+                gained += sign * body.momentum(q, s.u, self.model.fluid.rho)
+        return gained / (state.t - self.since.t)
 
     def begin(self, state: fsi.State) -> None:
         """Begin the first interval (collective)."""
-        self.momentum, self.since = self._momentum(state), state.t
+        self.since = state
 
     def record(self, state: fsi.State) -> dict[str, float]:
         """Append a row, with the mean forces since the last one, and return it by name (collective).
@@ -204,10 +200,8 @@ class Watch:
         Raises:
             StabilityError: A velocity is not finite, or an element is inverted.
         """
-        comm, chi = self.model.grid.comm, state.chi[0]
-        momentum = self._momentum(state)
-        F = comm.allreduce((momentum - self.momentum) / (state.t - self.since) - self.sum / self.count)
-        self.momentum, self.since, self.count, self.sum = momentum, state.t, 0, np.zeros(3)
+        comm, chi = self.model.grid.comm, state.bodies[0]["chi"]
+        F, self.since = self._force(state), state
         moved = np.linalg.norm((chi - self.flag.X)[self.root], axis=1).max(initial=0.0)
         J = np.abs(self.flag.jacobian(chi) - 1.0).max(initial=0.0)
         moved, J = comm.allreduce(float(moved), op=MPI.MAX), comm.allreduce(float(J), op=MPI.MAX)
@@ -229,7 +223,7 @@ class Watch:
         whole[tuple(slice(s, s + n) for s, n in zip(grid.start[:2], own.shape, strict=True))] = own
         edges = [grid.lower[d] + np.concatenate([[0.0], np.cumsum(grid.cell_widths[d])]) for d in range(2)]
         places = np.zeros((2, self.flag.num_nodes, 3))
-        places[:, self.flag.ids] = self.flag.X, state.chi[0]
+        places[:, self.flag.ids] = self.flag.X, state.bodies[0]["chi"]
         X, chi = grid.comm.allreduce(places)
         outline = chi[_around(X), :2]
         self.snapshots.append(
@@ -263,7 +257,6 @@ def march(
     try:
         for k in range(state.step + 1, steps + 1):
             state = fsi.step(model, state, dt)
-            watch.add()
             if k % every == 0 or k == steps:
                 found = watch.record(state)
             if k in shown:
@@ -288,7 +281,7 @@ def _first(model: fsi.Model, dt: float, watch: Watch, setup: Setup, output: Outp
         return fsi.initial_state(model, dt)
     if meta["provenance"] != dict(output.provenance):
         raise CaseError("the checkpoints there belong to another run", file=folder, key="--resume")
-    state = load_state(model, output, Statistics(model.grid))
+    state = load_state(model, output, memory_of(model, output))
     rows = np.loadtxt(folder / "history.csv", delimiter=",", skiprows=1, ndmin=2)
     watch.rows = rows[rows[:, 0] <= state.t + 0.5 * dt].tolist()
     return state
@@ -298,7 +291,7 @@ def _save(model: fsi.Model, state: fsi.State, watch: Watch, output: Output, *, f
     if model.grid.comm.rank == 0:
         output.directory.mkdir(parents=True, exist_ok=True)
         write_rows(output.directory, watch.rows)
-    save_state(model, state, output, Statistics(model.grid), finished=finished)
+    save_state(model, state, output, memory_of(model, output), finished=finished)
 
 
 def write_rows(folder: Path, rows: Sequence[Sequence[float]]) -> None:
@@ -389,8 +382,8 @@ def _one(
         "cells": cells,
         "grid": list(model.grid.cells[:2]),
         "h": THICKNESS / cells,
-        "nodes": model.solids[0].num_nodes,
-        "points": model.rigid[0].num_nodes,
+        "nodes": model.bodies[0].solid.num_nodes,
+        "points": model.bodies[1].num_points,
         "dt": dt,
         "steps": steps,
         "failed": failed,

@@ -10,8 +10,9 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.bodies.excess_mass import ExcessMass
-from valvefsi.bodies.fixed import RigidSurface
+from valvefsi.bodies.elastic import Elastic
+from valvefsi.bodies.heavy import Heavy
+from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, Open, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
@@ -83,29 +84,6 @@ def cylinder_points(h: float) -> tuple[Array, Array]:
     return X[free], area[free]
 
 
-class Cylinder(RigidSurface):
-    """The cylinder; keeps the force on the fluid of the last step, ``total (3,)`` on this rank [dyn]."""
-
-    total = np.zeros(3)
-
-    def force(self, d: Array, U: Array) -> Array:
-        """Return the force on the fluid of points carried by d and moving with U, ``(n, 3)`` [dyn]."""
-        F = super().force(d, U)
-        self.total = F.sum(axis=0)
-        return F
-
-
-class Flag(Structure):
-    """The flag; keeps the force of its clamp in the last step, ``held (3,)`` on this rank [dyn]."""
-
-    held = np.zeros(3)
-
-    def force(self, chi: Array, U: Array, t: float) -> Array:
-        """Return the force on the nodes, see `Structure.force`."""
-        self.held = (self._spring * (self.X - chi) - self._damper * U).sum(axis=0)
-        return super().force(chi, U, t)
-
-
 def channel(cells: int, comm: MPI.Comm) -> MacGrid:
     """Return the grid: ``cells`` across the flag where it sweeps and around the cylinder, graded away from there."""
     h = THICKNESS / cells
@@ -145,7 +123,7 @@ def build(cells: int, kernel: str, values: Mapping[str, float], comm: MPI.Comm) 
     h = THICKNESS / cells
     dt, rho, mu = length_of_step(h, values), values["rho"], values["mu"]
     hold = {"stiffness": values["hold"] * rho / dt**2, "damping": values["hold"] * rho / dt}
-    flag = Flag(
+    flag = Structure(
         flag_mesh(comm, h=h, ratio=values["ratio"]),
         NeoHookean(c1=plate_modulus(values)),
         name="flag",
@@ -155,22 +133,15 @@ def build(cells: int, kernel: str, values: Mapping[str, float], comm: MPI.Comm) 
     )
     coupling = Coupling(grid, kernel)
     points, areas = cylinder_points(h)
-    cylinder = Cylinder(
-        points, areas, coupling.own(points), name="cylinder", slip=values["pace"] / dt, **hold
-    )
+    cylinder = RigidSurface(points, areas, coupling, name="cylinder", slip=values["pace"] / dt, **hold)
     explicit = 2.0 * dt < ExplicitViscosity.limit(grid, rho=rho, mu=mu)
     sides = Boundary(grid, {"x_lower": Wall(velocity=inflow(values)), "x_upper": Open()})
     kind = ExplicitViscosity if explicit else NavierStokes
-    density, heavy = values["rho_s"], ()
-    if density > rho:
-        heavy = (ExcessMass(0, flag, coupling, rho=rho, density=density),)
+    density = values["rho_s"]
+    body = Heavy(flag, coupling, rho=rho, density=density) if density > rho else Elastic(flag, coupling)
     model = fsi.Model(
         grid=grid,
         fluid=kind(grid, sides, rho=rho, mu=mu, advection="xsppm7"),
-        solids=(flag,),
-        couplings=(coupling,),
-        rigid=(cylinder,),
-        transfers=(coupling.stay(cylinder.X),),
-        heavy=heavy,
+        bodies=(body, cylinder),
     )
     return model, dt

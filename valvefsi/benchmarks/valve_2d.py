@@ -35,6 +35,7 @@ from valvefsi.benchmarks.grid_series import refined, run_series
 from valvefsi.benchmarks.parameters import read_parameters
 from valvefsi.benchmarks.polygon_gap import gap
 from valvefsi.benchmarks.results import row
+from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError
@@ -163,7 +164,7 @@ def build(
     sides = Boundary(grid, {"x_lower": Wall(velocity=inflow), "x_upper": Open()})
     coupling = Coupling(grid, kernel, sides.signs)
     explicit = ExplicitViscosity(grid, sides, rho=rho, mu=mu)
-    model = fsi.Model(grid=grid, fluid=explicit, solids=(solid,), couplings=(coupling,))
+    model = fsi.Model(grid=grid, fluid=explicit, bodies=(Elastic(solid, coupling),))
     limits = {
         "leaflets, measured at rest": measured_limit(model, min(step_limits(model).values()), 0),
         "viscosity, where explicit": ExplicitViscosity.limit(grid, rho=rho, mu=mu),
@@ -171,7 +172,7 @@ def build(
     dt = values["share"] * limits["leaflets, measured at rest"]
     if 2.0 * dt >= limits["viscosity, where explicit"]:
         fluid = NavierStokes(grid, sides, rho=rho, mu=mu)
-        model = fsi.Model(grid=grid, fluid=fluid, solids=(solid,), couplings=(coupling,))
+        model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, coupling),))
     return model, dt, limits
 
 
@@ -225,7 +226,7 @@ class Watch:
     """
 
     def __init__(self, model: fsi.Model, values: Mapping[str, float]) -> None:
-        self.model, self.solid = model, model.solids[0]
+        self.model, self.solid = model, model.bodies[0].solid
         self.X = self.gathered(self.solid.X)
         size = values["thickness"], values["length"]
         self.lower, self.upper = (Leaflet(self.X, upper, size) for upper in (False, True))
@@ -244,8 +245,8 @@ class Watch:
         Raises:
             StabilityError: A velocity is not finite, or an element is inverted.
         """
-        chi, comm = self.gathered(state.chi[0]), self.model.grid.comm
-        J = self.solid.jacobian(state.chi[0])
+        chi, comm = self.gathered(state.bodies[0]["chi"]), self.model.grid.comm
+        J = self.solid.jacobian(state.bodies[0]["chi"])
         off = comm.allreduce(float(np.abs(J - 1.0).max(initial=0.0)), op=MPI.MAX)
         speed, _ = diagnostics.fastest_place(self.model.grid, state.u)
         if not (math.isfinite(speed) and off < 1.0):
@@ -255,13 +256,13 @@ class Watch:
             )
         tips = [chi[k] - self.X[k] for k in (self.upper.tip, self.lower.tip)]
         between = gap(chi[self.upper.outline, :2], chi[self.lower.outline, :2])
-        change = self.solid.volume(state.chi[0]) / self.solid.reference_volume - 1.0
+        change = self.solid.volume(state.bodies[0]["chi"]) / self.solid.reference_volume - 1.0
         self.rows.append([state.t, *tips[0][:2].tolist(), *tips[1][:2].tolist(), between, change, off, speed])
         return dict(zip(COLUMNS, self.rows[-1], strict=True))
 
     def snapshot(self, state: fsi.State) -> None:
         """Keep the flow and the leaflets' outlines for a picture (collective)."""
-        grid, chi = self.model.grid, self.gathered(state.chi[0])
+        grid, chi = self.model.grid, self.gathered(state.bodies[0]["chi"])
         speed = np.linalg.norm(diagnostics.cell_velocity(grid, state.u)[:, :, 0, :2], axis=2)
         whole = np.zeros(grid.cells[:2])
         whole[tuple(slice(s, s + n) for s, n in zip(grid.start[:2], speed.shape, strict=True))] = speed
@@ -398,7 +399,7 @@ def _one(
         "cells": cells,
         "grid": list(model.grid.cells[:2]),
         "spacing": [float(h) for h in model.grid.spacing[:2]],
-        "nodes": model.solids[0].num_nodes,
+        "nodes": model.bodies[0].solid.num_nodes,
         "dt": dt,
         "limits": limits,
         "steps": steps,

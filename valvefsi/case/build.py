@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.bodies.excess_mass import ExcessMass
+from valvefsi.bodies.body import BodyBase
+from valvefsi.bodies.elastic import Elastic
+from valvefsi.bodies.heavy import Heavy
 from valvefsi.case.checks import check_against_mesh
 from valvefsi.case.circuit_tables import say_unconnected
 from valvefsi.case.circulation import build_circulation, connected
@@ -29,6 +30,8 @@ from valvefsi.geometry import mesh as meshes
 from valvefsi.geometry import shapes
 from valvefsi.grid import MacGrid
 from valvefsi.post.diagnostics import Section
+from valvefsi.post.diagnostics.control_volume import ControlVolume
+from valvefsi.run.forces import ForceOutput
 from valvefsi.run.planning import plan
 from valvefsi.run.recording import Output, Probe
 from valvefsi.run.schedule import AdaptiveSchedule, Schedule
@@ -56,20 +59,13 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
     say_unconnected(case.circuit, comm.rank, tuple(connected(case).values()))
     grid = build_grid(case, comm)
     fluid = build_fluid(case, grid)
-    solids = tuple(build_solid(case, number, comm) for number in range(len(case.solid)))
-    couplings = tuple(_coupling(fluid, *pair) for pair in zip(case.solid, solids, strict=True))
-    rigid, transfers = build_rigid(case, grid)
-    model = Model(
-        grid=grid,
-        fluid=fluid,
-        solids=solids,
-        couplings=couplings,
-        circulation=build_circulation(case),
-        rigid=rigid,
-        transfers=transfers,
-        heavy=_heavy(case, solids, couplings),
-        seepage={k: solid.mobility() for k, solid in enumerate(solids) if solid.permeability > 0},
-    )
+    elastic = [
+        _body(fluid, given, build_solid(case, k, comm), case.fluid.density)
+        for k, given in enumerate(case.solid)
+    ]
+    circulation = build_circulation(case)
+    bodies = (*elastic, *build_rigid(case, grid))
+    model = Model(grid=grid, fluid=fluid, bodies=bodies, circulation=circulation)
     return Simulation(model, _schedule(case), _output(case, out, grid))
 
 
@@ -81,15 +77,13 @@ def _coupling(fluid: NavierStokes, given: Solid, solid: Structure) -> Coupling |
     return ElementalCoupling(grid, given.kernel, points, given.point_gap, signs)
 
 
-def _heavy(
-    case: Case, solids: Sequence[Structure], couplings: Sequence[Coupling | ElementalCoupling]
-) -> tuple[ExcessMass, ...]:
-    rho = case.fluid.density
-    return tuple(
-        ExcessMass(number, *pair, rho=rho, density=given.density)
-        for number, (given, *pair) in enumerate(zip(case.solid, solids, couplings, strict=True))
-        if given.density is not None and given.density > rho
-    )
+def _body(fluid: NavierStokes, given: Solid, solid: Structure, rho: float) -> BodyBase:
+    """Return a solid of a case as a body, with excess mass where it is heavier than the fluid. Collective."""
+    coupling = _coupling(fluid, given, solid)
+    mobility = solid.mobility() if solid.permeability > 0 else None
+    if given.density is not None and given.density > rho:
+        return Heavy(solid, coupling, rho=rho, density=given.density, mobility=mobility)
+    return Elastic(solid, coupling, mobility=mobility)
 
 
 def _schedule(case: Case) -> Schedule | AdaptiveSchedule:
@@ -252,9 +246,29 @@ def _sections(case: Case, grid: MacGrid) -> dict[str, Section]:
     return sections
 
 
+def _forces(case: Case, grid: MacGrid) -> tuple[ForceOutput, ...]:
+    names = [solid.name for solid in case.solid] + (["housing"] if case.housing else [])
+    forces = []
+    for number, given in enumerate(case.output.force):
+        key = f"output.force.{number}"
+        unknown = next((name for name in given.body if name not in names), None)
+        if unknown is not None or not given.body:
+            message = f"expected names of {', '.join(names) or 'bodies, there are none'}"
+            raise CaseError(message, file=case.file, key=f"{key}.body", value=list(given.body))
+        box = (given.lower, given.upper) if given.lower else None
+        if box is not None:
+            try:
+                ControlVolume(grid, *box)
+            except ValueError as error:
+                raise CaseError(str(error), file=case.file, key=key) from None
+        bodies = tuple(names.index(name) for name in given.body)
+        forces.append(ForceOutput(name=given.name, bodies=bodies, box=box))
+    return tuple(forces)
+
+
 def _output(case: Case, out: Path, grid: MacGrid) -> Output:
     probes = tuple(
-        Probe(name=probe.name, solid=number, at=tuple(probe.at))
+        Probe(name=probe.name, body=number, at=tuple(probe.at))
         for number, solid in enumerate(case.solid)
         for probe in solid.probe
     )
@@ -266,6 +280,7 @@ def _output(case: Case, out: Path, grid: MacGrid) -> Output:
         checkpoint_wall_s=case.output.checkpoint_wall,
         keep_checkpoints=case.output.keep_checkpoints,
         probes=probes,
+        forces=_forces(case, grid),
         orifice=find_orifice(case),
         averages_from=case.output.averages_from,
         lines={

@@ -14,7 +14,7 @@ from valvefsi.case.fluid_tables import SIDES
 from valvefsi.case.models import Case
 from valvefsi.case.overrides import nearest
 from valvefsi.case.quantities import Quantity
-from valvefsi.circulation.loop import FLOWS, Connection, FlowLoop
+from valvefsi.circulation.loop import FLOWS, Connection, FlowLoop, NoCirculation
 from valvefsi.errors import CaseError
 
 
@@ -41,8 +41,8 @@ def connected(case: Case) -> dict[str, str]:
     return found
 
 
-def build_circulation(case: Case) -> FlowLoop | None:
-    """Build the circuits that sides are connected to; None without any.
+def build_circulation(case: Case) -> FlowLoop | NoCirculation:
+    """Build the circuits that sides are connected to, if any.
 
     Raises:
         CaseError: A circuit cannot be at a side, or its pump's record cannot be used.
@@ -58,7 +58,7 @@ def build_circulation(case: Case) -> FlowLoop | None:
             )
         except ValueError as error:
             raise CaseError(str(error), file=case.file, key=f"circuit.{name}.pump.file") from None
-    return FlowLoop(connections) if connections else None
+    return FlowLoop(connections) if connections else NoCirculation()
 
 
 def _drive(case: Case, circuit: CircuitTable, inputs: tuple[str, ...]) -> Callable[[float], dict[str, float]]:

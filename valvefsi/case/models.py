@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 from valvefsi.case.circuit_tables import CircuitTable
 from valvefsi.case.fluid_tables import SIDES, Fluid, Grid
 from valvefsi.case.material_tables import Fibre, Material
-from valvefsi.case.output_tables import Line, Section
+from valvefsi.case.output_tables import Force, Line, Section
 from valvefsi.case.quantities import (
     BodyDamping,
     Density,
@@ -322,6 +322,7 @@ class Output(Table):
     )
     section: tuple[Section, ...] = Field((), description="Planes and disks whose flow the history holds")
     line: tuple[Line, ...] = Field((), description="Lines along which profiles are written at the end")
+    force: tuple[Force, ...] = Field((), description="Forces of the fluid on bodies in the history")
 
 
 class Case(Table):

@@ -1,4 +1,4 @@
-"""The table of a case file that says where flow and pressure are read off on the way."""
+"""The tables of a case file that say what is read off on the way: flows, profiles, forces."""
 
 from __future__ import annotations
 
@@ -40,3 +40,26 @@ class Line(Table):
     start: tuple[Length, ...] = Field(description="First point, one entry per dimension")
     end: tuple[Length, ...] = Field(description="Last point")
     points: int = Field(101, ge=2, description="Number of points")
+
+
+class Force(Table):
+    """The force of the fluid on bodies, such as drag and lift, in the history."""
+
+    name: Name = Field(
+        description="Name, in the column names force_x_NAME_dyn ... (dyn_per_cm in two dimensions)"
+    )
+    body: tuple[str, ...] = Field(description='Names of the solids, or "housing", whose forces are added up')
+    lower: tuple[Length, ...] = Field(
+        (),
+        description="Lower corner of a box around them whose balance of momentum checks the force, in columns "
+        "force_balance_x_NAME_dyn ...; no check when left out",
+    )
+    upper: tuple[Length, ...] = Field((), description="Upper corner of that box")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.lower) != len(self.upper):
+            raise problem(
+                "a box needs a lower and an upper corner of as many entries", "upper", list(self.upper)
+            )
+        return self

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 from mpi4py import MPI
 
-from valvefsi.bodies.fixed import RigidSurface
+from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.case.models import Case
 from valvefsi.case.valve_tables import ValveShape
-from valvefsi.coupling.transfer import Coupling, Transfer
+from valvefsi.coupling.kernels import largest_square_sum
+from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError, raise_together
 from valvefsi.geometry.aortic_section import joined
 from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.geometry.valve import ValveMesh, distribute, mesh_valve
 from valvefsi.grid import MacGrid
-from valvefsi.run.planning import largest_square_sum
 from valvefsi.run.recording import Orifice
 from valvefsi.solid.materials import fibres
 
@@ -46,10 +46,10 @@ def find_orifice(case: Case) -> Orifice | None:
     if case.housing is None or case.housing.stent is None:
         return None
     number = next(k for k, solid in enumerate(case.solid) if solid.name == case.housing.stent)
-    return Orifice(solid=number, radius=0.5 * case.solid[number].mesh.valve.diameter)
+    return Orifice(body=number, radius=0.5 * case.solid[number].mesh.valve.diameter)
 
 
-def build_rigid(case: Case, grid: MacGrid) -> tuple[tuple[RigidSurface, ...], tuple[Transfer, ...]]:
+def build_rigid(case: Case, grid: MacGrid) -> tuple[RigidSurface, ...]:
     """Build the housing of a case, with its stent.
 
     Springs and dampers are a given part of what an explicit step carries on the mass that the kernel moves, see
@@ -63,7 +63,7 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[tuple[RigidSurface, ...], tu
     """
     housing = case.housing
     if housing is None:
-        return (), ()
+        return ()
     h, (low, high) = case.grid.spacing, case.grid.bounds[2]
     section = housing.section()
     surfaces = [section.housing(h, (low + 0.5 * h, high - 0.5 * h))]
@@ -71,22 +71,20 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[tuple[RigidSurface, ...], tu
         shape = next(solid.mesh.valve for solid in case.solid if solid.name == housing.stent)
         surfaces.append(section.stent(h, shape.geometry(), shape.base))
     surface = joined(*surfaces)
-    coupling = Coupling(grid, KERNEL)
     share = housing.hold * case.fluid.density * h / largest_square_sum(KERNEL)
-    rigid = RigidSurface(
-        surface.points,
-        surface.areas,
-        coupling.own(surface.points),
-        name="housing",
-        stiffness=share / case.dt**2,
-        damping=share / case.dt,
-        faces=surface.faces,
-    )
-    problem = transfer = None
+    problem = rigid = None
     try:
-        transfer = coupling.stay(rigid.X)
+        rigid = RigidSurface(
+            surface.points,
+            surface.areas,
+            Coupling(grid, KERNEL),
+            name="housing",
+            stiffness=share / case.dt**2,
+            damping=share / case.dt,
+            faces=surface.faces,
+        )
     except StabilityError as error:
         message = f"the housing does not fit into the core of the box: {error}"
         problem = CaseError(message, file=case.file, key="housing", value=f"radius {section.widest:.4g} cm")
     raise_together(grid.comm, problem)
-    return (rigid,), (transfer,)
+    return (rigid,)

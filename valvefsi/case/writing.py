@@ -17,6 +17,7 @@ EXAMPLE: dict[str, Any] = {
     "time": {"dt_per_h": "0.001 s/cm", "t_end": "30 s"},
     "output": {
         "section": [{"name": "middle", "axis": "x", "position": "20 cm"}],
+        "force": [{"name": "on_block", "body": ["block"]}],
         "line": [{"name": "across", "start": ["20 cm", "0 cm"], "end": ["20 cm", "40 cm"]}],
     },
     "circuit": [

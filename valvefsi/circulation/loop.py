@@ -59,7 +59,7 @@ class Connection:
 
 
 class FlowLoop:
-    """Circuits at sides of the box, as the coupled step asks for them (`valvefsi.fsi.Circulation`).
+    """Circuits at sides of the box, as the coupled step asks for them (`valvefsi.types.Circulation`).
 
     Its state holds, circuit by circuit, the states of the circuit and the last mean flow out of the box.
 
@@ -111,3 +111,18 @@ class FlowLoop:
             state = CircuitState(t=t, x=x, u=c.inputs(t, flow))
             new += [c.system.advance(state, c.inputs(t + dt, flow), dt).x, [flow]]
         return np.concatenate(new)
+
+
+class NoCirculation:
+    """No circuits: every side keeps its own pressure."""
+
+    sides: tuple[str, ...] = ()
+    start: Array = np.zeros(0)
+
+    def pressures(self, y: Array, t: float) -> Mapping[str, float]:
+        """Return no pressures."""
+        return {}
+
+    def step(self, y: Array, outflow: Mapping[str, float], t: float, dt: float) -> Array:
+        """Return the state, which is empty."""
+        return y

@@ -26,7 +26,9 @@ from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError, raise_together
 
-MAGIC = b"VFSISTA1"
+MAGIC = b"VFSISTA2"
+OLD = b"VFSISTA1"
+"""Of an earlier format, whose states were not grouped by body."""
 PREFIX = 24
 CHUNK = 1 << 21
 MASK = (1 << 64) - 1
@@ -334,6 +336,11 @@ def _read_header(path: Path) -> tuple[dict, str | None]:
     try:
         with path.open("rb") as file:
             prefix = file.read(PREFIX)
+            if prefix[:8] == OLD:
+                return (
+                    {},
+                    "a checkpoint of an earlier version, which this one does not read: start the run anew",
+                )
             if len(prefix) < PREFIX or prefix[:8] != MAGIC:
                 return {}, "not a checkpoint"
             length, crc = (int(value) for value in np.frombuffer(prefix[8:], dtype="<u8"))

@@ -58,7 +58,8 @@ def draw(
 
 
 def _pairs(model: Model, state: State) -> list[tuple]:
-    return list(zip(model.solids, state.chi, strict=True))
+    pairs = zip(model.bodies, state.bodies, strict=True)
+    return [(body.solid, q["chi"]) for body, q in pairs if body.solid is not None]
 
 
 def _plane(grid: MacGrid, state: State) -> tuple[Array, Array] | None:

@@ -34,18 +34,18 @@ class StressRecorder:
         folder, comm = output.directory / "paraview", model.grid.comm
         time = resume.t if resume else None
         if output.stress:
-            for number, solid in enumerate(model.solids):
-                if hasattr(solid, "material"):
-                    series = BodySeries(folder, f"{solid.name}_stress", comm, resume_time=time)
-                    self.series.append((number, series, _stress(solid)))
+            for number, body in enumerate(model.bodies):
+                if body.solid is not None:
+                    series = BodySeries(folder, f"{body.name}_stress", comm, resume_time=time)
+                    self.series.append((number, series, _stress(body.solid)))
         if output.orifice is not None:
             self._open_peaks(output, resume)
 
     def _open_peaks(self, output: object, resume: State | None) -> None:
         from valvefsi.solid.peaks import Peaks, columns_of, parts_of
 
-        self.valve = output.orifice.solid
-        solid = self.model.solids[self.valve]
+        self.valve = output.orifice.body
+        solid = self.model.bodies[self.valve].solid
         parts = parts_of(solid.mesh)
         degree = solid.discretisation.quadrature_degree
         self.peaks = Peaks(_stress(solid, quadrature_degree=degree), parts)
@@ -56,11 +56,11 @@ class StressRecorder:
     def write(self, state: State) -> None:
         """Write the stress of a state. Collective."""
         for number, series, stress in self.series:
-            self.model.solids[number].jacobian(state.chi[number])  # puts the solid where it is now
+            self.model.bodies[number].solid.jacobian(state.bodies[number]["chi"])  # puts it where it is now
             asked = [q for q in self.asked if q != "fibre_stretch" or stress.has_fibre]
             series.write(state.t, stress.gather(*asked))
         if self.peaks is not None:
-            self.model.solids[self.valve].jacobian(state.chi[self.valve])
+            self.model.bodies[self.valve].solid.jacobian(state.bodies[self.valve]["chi"])
             row = {_named(name): value / _unit(name) for name, value in self.peaks.now().items()}
             self.table.append({"step": state.step, "t_s": state.t} | row)
 

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.bodies.excess_mass import Twin
+from valvefsi import fsi
 from valvefsi.errors import CaseError
 from valvefsi.fsi import Model, State
 from valvefsi.grid import Array, MacGrid
 from valvefsi.io import checkpoint
 from valvefsi.io.history import History
-from valvefsi.io.paraview import FluidSeries, SolidSeries
-from valvefsi.io.solid_body import Body, write_body
+from valvefsi.io.paraview import FluidSeries
 from valvefsi.post import diagnostics
 from valvefsi.post.diagnostics import Section
 from valvefsi.post.diagnostics.surfaces import surface_triangles
+from valvefsi.run.forces import ForceMeter, ForceOutput
 from valvefsi.run.recorded_stress import StressRecorder
 from valvefsi.run.statistics import Line, Statistics
 from valvefsi.units import MMHG
@@ -32,12 +32,12 @@ class Probe:
 
     Attributes:
         name: Name in the columns.
-        solid: Index of the solid.
+        body: Index of the body.
         at: Reference position; the nearest node is followed, ``(2,)`` or ``(3,)`` [cm].
     """
 
     name: str
-    solid: int
+    body: int
     at: tuple[float, ...]
 
 
@@ -46,11 +46,11 @@ class Orifice:
     """A valve whose open area, seen along z, the history follows.
 
     Attributes:
-        solid: Index of the leaflets.
+        body: Index of the leaflets.
         radius: Of the orifice about the z axis [cm].
     """
 
-    solid: int
+    body: int
     radius: float
 
 
@@ -70,6 +70,7 @@ class Output:
         lines: Lines by name along which profiles are written at the end.
         every: Every how many cells along each axis the ParaView series of the fluid holds one.
         part: Lower and upper corner of the part of the box that it holds, None for all of it [cm].
+        forces: Bodies whose force the history holds.
         orifice: Valve whose open area the history holds.
         sections: Planes and disks by name whose flow and mean pressure the history holds.
         dissipation: Whether the history holds the viscous dissipation of the box.
@@ -89,6 +90,7 @@ class Output:
     lines: Mapping[str, Line] = field(default_factory=dict)
     every: int = 1
     part: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    forces: tuple[ForceOutput, ...] = ()
     orifice: Orifice | None = None
     sections: Mapping[str, Section] = field(default_factory=dict)
     dissipation: bool = False
@@ -96,11 +98,28 @@ class Output:
     provenance: Mapping[str, object] = field(default_factory=dict)
 
 
-def save_state(
-    model: Model, state: State, output: Output, statistics: Statistics, *, finished: bool = False
-) -> Path:
+@dataclass(frozen=True)
+class Memory:
+    """What a run keeps beside its state from row to row.
+
+    Attributes:
+        statistics: Running averages.
+        forces: Forces between rows.
+    """
+
+    statistics: Statistics
+    forces: ForceMeter
+
+
+def memory_of(model: Model, output: Output) -> Memory:
+    """Return the memory of a run that begins."""
+    statistics = Statistics(model.grid, start=output.averages_from, lines=output.lines)
+    return Memory(statistics, ForceMeter(model, output.forces))
+
+
+def save_state(model: Model, state: State, output: Output, memory: Memory, *, finished: bool = False) -> Path:
     """Write a checkpoint of a state, with a note whether the run is finished with it. Collective."""
-    grid = model.grid
+    grid, statistics = model.grid, memory.statistics
     fields = {"p": checkpoint.Block(grid_part(state.p, grid.owned), grid.start, grid.cells)}
     for d in range(grid.dim):
         owned = grid.owned_faces(d)
@@ -111,43 +130,36 @@ def save_state(
     for name, array in statistics.fields().items():
         fields[name] = checkpoint.Block(grid_part(array, (slice(None),) * 3), grid.start, grid.cells)
     rows = {
-        f"chi_{k}_{solid.name}": checkpoint.Rows(chi, solid.ids, solid.num_nodes)
-        for k, (solid, chi) in enumerate(zip(model.solids, state.chi, strict=True))
+        name: checkpoint.Rows(state.bodies[k][key], model.bodies[k].ids, model.bodies[k].num_points)
+        for name, (k, key) in tables_of(model, state).items()
     }
-    rows |= {
-        f"carried_{k}_{surface.name}": checkpoint.Rows(d, surface.ids, surface.num_nodes)
-        for k, (surface, d) in enumerate(zip(model.rigid, state.carried, strict=True))
-    }
-    for name, solid, twin in zip(_twin_tables(model), _heavy(model), state.twins, strict=True):
-        rows[name] = checkpoint.Rows(np.hstack(twin), solid.ids, solid.num_nodes)
     meta = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
     meta["dt_stable"] = state.dt_stable if math.isfinite(state.dt_stable) else None
     meta["circuits"] = [float(value) for value in state.circuits]
-    meta["statistics"] = statistics.meta()
+    meta["impulse"] = state.impulse.tolist()
+    meta["statistics"], meta["forces"] = statistics.meta(), memory.forces.meta()
     meta["provenance"] = dict(output.provenance)
     folder = output.directory / "checkpoints"
     return checkpoint.save(folder, state.step, fields, rows, meta, grid.comm, keep=output.keep_checkpoints)
 
 
-def load_state(model: Model, output: Output, statistics: Statistics) -> State | None:
-    """Read the newest whole checkpoint, None where there is none; the averages go on from it. Collective."""
-    grid = model.grid
+def load_state(model: Model, output: Output, memory: Memory) -> State | None:
+    """Read the newest whole checkpoint, None where there is none; the memory goes on from it. Collective."""
+    grid, statistics = model.grid, memory.statistics
     places = {"p": grid.owned}
     for d in range(grid.dim):
         places |= {f"u{d}": grid.owned_faces(d), f"N{d}": grid.owned_faces(d)}
     request = {name: (grid.start, tuple(s.stop - s.start for s in place)) for name, place in places.items()}
     averages = statistics.fields()
     request |= {name: (grid.start, array.shape) for name, array in averages.items()}
-    names = [f"chi_{k}_{solid.name}" for k, solid in enumerate(model.solids)]
-    rows = {name: solid.ids for name, solid in zip(names, model.solids, strict=True)}
-    held = {f"carried_{k}_{surface.name}": surface.ids for k, surface in enumerate(model.rigid)}
-    twins = {name: s.ids for name, s in zip(_twin_tables(model), _heavy(model), strict=True)}
-    rows |= held | twins
+    tables = tables_of(model, fsi.initial_state(model, 1.0))
+    rows = {name: model.bodies[k].ids for name, (k, _) in tables.items()}
     found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm)
     if found is None:
         return None
     meta, fields, points = found
     statistics.restore({name: fields[name] for name in averages}, meta.get("statistics", {}))
+    memory.forces.restore(meta.get("forces"))
     arrays = {name: grid.zeros() for name in places}
     for name, place in places.items():
         arrays[name][place] = fields[name]
@@ -161,20 +173,22 @@ def load_state(model: Model, output: Output, statistics: Statistics) -> State | 
         u=model.fluid.fill(u, meta["t"]),
         p=arrays["p"],
         N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),
-        chi=tuple(points[name] for name in names),
+        bodies=tuple(
+            {key: points[name] for name, (number, key) in tables.items() if number == k}
+            for k in range(len(model.bodies))
+        ),
         circuits=np.array(meta["circuits"]),
-        carried=tuple(points[name] for name in held),
-        twins=tuple(Twin(*np.hsplit(points[name], 2)) for name in twins),
+        impulse=np.array(meta["impulse"]).reshape(-1, 3),
     )
 
 
-def _heavy(model: Model) -> list[object]:
-    return [model.solids[body.solid] for body in model.heavy]
-
-
-def _twin_tables(model: Model) -> list[str]:
-    """Names of the tables of twins in a checkpoint: position and velocity in a row."""
-    return [f"twin_{body.solid}_{model.solids[body.solid].name}" for body in model.heavy]
+def tables_of(model: Model, state: State) -> dict[str, tuple[int, str]]:
+    """Return number of the body and key of every table of the bodies' states, by its name in a checkpoint."""
+    return {
+        f"{key}_{k}_{body.name}": (k, key)
+        for k, (body, q) in enumerate(zip(model.bodies, state.bodies, strict=True))
+        for key in q
+    }
 
 
 def refuse_to_overwrite(model: Model, output: Output) -> None:
@@ -240,29 +254,23 @@ class Recorder:
     Args:
         model: The model.
         output: What to write.
+        memory: What the run keeps beside its state.
         resume: State that the run goes on from, None for a new run.
 
     Note:
         Collective.
     """
 
-    def __init__(self, model: Model, output: Output, resume: State | None = None) -> None:
-        self.model, self.output = model, output
+    def __init__(self, model: Model, output: Output, memory: Memory, resume: State | None = None) -> None:
+        self.model, self.output, self.memory = model, output, memory
         grid, comm = model.grid, model.grid.comm
-        self.probes = [(p, model.solids[p.solid], model.solids[p.solid].node_at(p.at)) for p in output.probes]
-        self.start = [solid.position_of(node, solid.X) for _, solid, node in self.probes]
+        self.probes = [(p, model.bodies[p.body].follow(p.at)) for p in output.probes]
         columns = ["step", "t_s", "courant", "kinetic_energy_erg"]
-        self.measure = "area" if grid.dim == 2 else "volume"
-        for solid in model.solids:
-            columns += [
-                f"{solid.name}_{self.measure}_change_percent",
-                f"{solid.name}_J_min",
-                f"{solid.name}_J_max",
-            ]
-        for solid in _heavy(model):
-            columns += [f"{solid.name}_excess_kinetic_energy_erg", f"{solid.name}_twin_lag_cm"]
-        for probe, _, _ in self.probes:
+        for body in model.bodies:
+            columns += body.columns()
+        for probe, _ in self.probes:
             columns += [f"u_{axis}_{probe.name}_cm" for axis in "xyz"[: grid.dim]]
+        columns += memory.forces.columns
         if output.orifice is not None:
             columns.append("pdva_cm2")
         if output.dissipation:
@@ -271,29 +279,25 @@ class Recorder:
             columns += [f"flow_{name}_cm3_per_s", f"pressure_{name}_dyn_per_cm2"]
             if output.sections[name].radius and grid.dim == 3 and model.fluid.mu > 0.0:
                 columns.append(f"reynolds_{name}")
-        for side in model.circulation.sides if model.circulation else ():
+        for side in model.circulation.sides:
             columns += [f"q_{side}_ml_s", f"p_{side}_mmHg"]
         self.history = History(
             output.directory / "history.csv", columns, comm, resume.step if resume else None
         )
         time = resume.t if resume else None
-        self.fluid_series = self.solid_series = None
+        self.fluid_series = None
         if output.frames:
             folder = output.directory / "paraview"
             self.chosen, place = chosen_cells(grid, output)
             self.fluid_series = FluidSeries(folder, "fluid", comm, *place, resume_time=time)
-            self.solid_series = [SolidSeries(folder, s.name, comm, resume_time=time) for s in model.solids]
-            self._write_rigid(folder)
+            self.series = [body.series(folder, comm, time) for body in model.bodies]
             self.stresses = StressRecorder(model, output, resume)
 
-    def _write_rigid(self, folder: Path) -> None:
-        """Write each rigid surface with faces once, for pictures. Collective."""
-        if self.model.grid.comm.rank == 0:
-            for surface in self.model.rigid:
-                if surface.faces is not None and len(surface.faces):
-                    body = Body(points=surface.points, cells={9: surface.faces})
-                    write_body(folder / f"{surface.name}.vtu", body)
-        self.model.grid.comm.barrier()
+    def append(self, row: dict[str, float], state: State) -> None:
+        """Append a row to the history, and take averages and forces on from it. Collective."""
+        self.history.append(row)
+        self.memory.statistics.add(state)
+        self.memory.forces.keep()
 
     def row(self, state: State) -> dict[str, float]:
         """Return one row of the history: Courant number, energy, volume change, J, displacements. Collective."""
@@ -305,25 +309,12 @@ class Recorder:
             "courant": rate * state.dt,
             "kinetic_energy_erg": diagnostics.kinetic_energy(grid, state.u, self.model.fluid.rho),
         }
-        for solid, chi in zip(self.model.solids, state.chi, strict=True):
-            J = solid.jacobian(chi)
-            extremes = np.array([-J.min(initial=np.inf), J.max(initial=-np.inf)])
-            comm.Allreduce(MPI.IN_PLACE, extremes, op=MPI.MAX)
-            change = solid.volume(chi) / solid.reference_volume - 1.0
-            row |= {
-                f"{solid.name}_{self.measure}_change_percent": 100.0 * change,
-                f"{solid.name}_J_min": -extremes[0],
-                f"{solid.name}_J_max": extremes[1],
-            }
-        for body, solid, twin in zip(self.model.heavy, _heavy(self.model), state.twins, strict=True):
-            row |= {
-                f"{solid.name}_excess_kinetic_energy_erg": body.kinetic_energy(twin),
-                f"{solid.name}_twin_lag_cm": body.lag(twin, state.chi[body.solid]),
-            }
-        for (probe, solid, node), start in zip(self.probes, self.start, strict=True):
-            chi = state.chi[probe.solid]
-            shift = solid.position_of(node, chi) - start
+        for body, q in zip(self.model.bodies, state.bodies, strict=True):
+            row |= body.row(q)
+        for probe, displacement in self.probes:
+            shift = displacement(state.bodies[probe.body])
             row |= {f"u_{axis}_{probe.name}_cm": shift[a] for a, axis in enumerate("xyz"[: grid.dim])}
+        row |= self.memory.forces.row(state)
         return row | self._open_area(state) | self._read_off(state) | self._circuits(state)
 
     def _open_area(self, state: State) -> dict[str, float]:
@@ -331,7 +322,8 @@ class Recorder:
         orifice = self.output.orifice
         if orifice is None:
             return {}
-        found = self.model.solids[orifice.solid].cells_on_root(state.chi[orifice.solid])
+        leaflets = self.model.bodies[orifice.body].solid
+        found = leaflets.cells_on_root(state.bodies[orifice.body]["chi"])
         area = None
         if found is not None:
             points, cells, _ = found
@@ -343,11 +335,10 @@ class Recorder:
     def _circuits(self, state: State) -> dict[str, float]:
         """Flow out of the box through each side with a circuit, and the pressure outside it. Collective."""
         circulation, row = self.model.circulation, {}
-        if circulation is not None:
-            pressures = circulation.pressures(state.circuits, state.t)
-            for side in circulation.sides:
-                row[f"q_{side}_ml_s"] = self.model.fluid.boundary.outflow(state.u, side)
-                row[f"p_{side}_mmHg"] = pressures[side] / MMHG
+        pressures = circulation.pressures(state.circuits, state.t)
+        for side in circulation.sides:
+            row[f"q_{side}_ml_s"] = self.model.fluid.boundary.outflow(state.u, side)
+            row[f"p_{side}_mmHg"] = pressures[side] / MMHG
         return row
 
     def _read_off(self, state: State) -> dict[str, float]:
@@ -374,11 +365,6 @@ class Recorder:
         grid = self.model.grid
         velocity, p = diagnostics.cell_velocity(grid, state.u), state.p[grid.owned]
         self.fluid_series.write(state.t, velocity[self.chosen], grid_part(p, self.chosen))
-        for series, solid, chi in zip(self.solid_series, self.model.solids, state.chi, strict=True):
-            now, first = solid.cells_on_root(chi), solid.cells_on_root(solid.X)
-            if now is None:
-                series.write(state.t, None, None, None, None)
-            else:
-                points, cells, J = now
-                series.write(state.t, points, cells, J, points - first[0])
+        for series, q in zip(self.series, state.bodies, strict=True):
+            series.write(state.t, q)
         self.stresses.write(state)

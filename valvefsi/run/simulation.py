@@ -7,7 +7,7 @@ import math
 import signal
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,16 +16,23 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.errors import CaseError, StabilityError, Stopped
 from valvefsi.fsi import Model, State
-from valvefsi.grid import Array, MacGrid
+from valvefsi.grid import MacGrid
 from valvefsi.post import diagnostics
 from valvefsi.run.health import Health
-from valvefsi.run.recording import Output, Recorder, box_of, load_state, refuse_to_overwrite, save_state
+from valvefsi.run.recording import (
+    Output,
+    Recorder,
+    box_of,
+    load_state,
+    memory_of,
+    refuse_to_overwrite,
+    save_state,
+)
 from valvefsi.run.schedule import AdaptiveSchedule, Schedule
 from valvefsi.run.stable_step import stable_step
-from valvefsi.run.statistics import Statistics
+from valvefsi.runtime.clock import Timed
 from valvefsi.runtime.memory import keep_freed_memory
-
-Progress = Callable[[int, float, float, dict[str, float]], None]
+from valvefsi.types import Array, Progress
 
 MEASURED_PRODUCTS = 8
 """Products of the Lanczos method by which a run measures its stable step: the limit to some per cent."""
@@ -84,7 +91,7 @@ class Simulation:
     ) -> None:
         self.model, self.schedule, self.output = model, schedule, output
         self.initial = initial
-        self.statistics = Statistics(model.grid, start=output.averages_from, lines=output.lines)
+        self.memory = memory_of(model, output)
         self.phases: dict[str, float] = defaultdict(float)
         self.recoveries: list[dict[str, object]] = []
         self.health = Health(model)
@@ -107,7 +114,7 @@ class Simulation:
         """
         keep_freed_memory()
         state = self._first_state(resume)
-        recorder = Recorder(self.model, self.output, state if resume else None)
+        recorder = Recorder(self.model, self.output, self.memory, state if resume else None)
         if not resume:
             self._record(recorder, None, state)
         started, first = time.perf_counter(), state.step
@@ -115,8 +122,8 @@ class Simulation:
             state = self._march(state, recorder, received, progress)
         wall = time.perf_counter() - started
         with self._clock("output"):
-            save_state(self.model, state, self.output, self.statistics, finished=True)
-            self.statistics.write(state, self.output.directory, box_of(self.model.grid))
+            save_state(self.model, state, self.output, self.memory, finished=True)
+            self.memory.statistics.write(state, self.output.directory, box_of(self.model.grid))
         return Outcome(
             state=state,
             steps=state.step - first,
@@ -150,7 +157,7 @@ class Simulation:
         if not resume:
             refuse_to_overwrite(self.model, self.output)
             return self.initial or fsi.initial_state(self.model, self.schedule.dt)
-        state = load_state(self.model, self.output, self.statistics)
+        state = load_state(self.model, self.output, self.memory)
         if state is None:
             folder = self.output.directory / "checkpoints"
             raise CaseError("there is no whole checkpoint to resume from", file=folder)
@@ -183,7 +190,7 @@ class Simulation:
             if stop or late or self._checkpoint_due(state):
                 saved = time.perf_counter()
                 with self._clock("output"):
-                    path = save_state(model, state, self.output, self.statistics)
+                    path = save_state(model, state, self.output, self.memory)
                 if stop:
                     raise Stopped(
                         f"stopped at step {state.step}, t = {state.t:.6g} s; {path} is written, "
@@ -218,11 +225,10 @@ class Simulation:
         """Write a row of the history, and a frame where one is due; check the elements first."""
         with self._clock("output"):
             row = recorder.row(state)
-            self._check_elements(row, state)
+            self._check_bodies(row, state)
             if self._row_due(state):
-                recorder.history.append(row)
                 self.health.look(state)
-                self.statistics.add(state)
+                recorder.append(row, state)
             if old is None or self._frame_due(old, state):
                 recorder.frame(state)
         return row
@@ -258,26 +264,14 @@ class Simulation:
             )
         return rate, int(stop), bool(late)
 
-    def _check_elements(self, row: dict[str, float], state: State) -> None:
-        for solid, chi in zip(self.model.solids, state.chi, strict=True):
-            smallest = row[f"{solid.name}_J_min"]
-            if not smallest > 0.0:
-                where = _place(self._worst_cell(solid, chi), self.model.grid.dim)
-                free = "" if solid.kappa > 0.0 else "; it has no volumetric energy to keep J near 1 (nu_stab)"
+    def _check_bodies(self, row: dict[str, float], state: State) -> None:
+        for body, q in zip(self.model.bodies, state.bodies, strict=True):
+            fault = body.fault(q, row)
+            if fault is not None:
                 raise StabilityError(
-                    f"an element of {solid.name} is inverted, J = {smallest:.3g}, near {where}, t = {state.t:.6g} s "
-                    f"(step {state.step}){free}; try a smaller time step, a finer mesh or a larger nu_stab"
+                    f"{fault}, t = {state.t:.6g} s (step {state.step}); try a smaller time step, a finer mesh or a "
+                    "larger nu_stab"
                 )
-
-    def _worst_cell(self, solid: object, chi: Array) -> Array:
-        """Centre of the cell with the smallest mean J, on all ranks."""
-        found = solid.cells_on_root(chi)
-        place = None
-        if found is not None:
-            points, cells, J = found
-            nodes = np.concatenate(list(cells.values()))[np.argmin(np.nan_to_num(J, nan=-np.inf))]
-            place = points[nodes].mean(axis=0)
-        return self.model.grid.comm.bcast(place)
 
     def _go_back(
         self, error: StabilityError, good: tuple[State, float], retries: int
@@ -291,7 +285,7 @@ class Simulation:
         return state, rate, retries
 
     def _explained(self, error: StabilityError, good: State) -> StabilityError:
-        path = save_state(self.model, good, self.output, self.statistics)
+        path = save_state(self.model, good, self.output, self.memory)
         return StabilityError(f"{error}. The last good state, t = {good.t:.6g} s, is in {path}")
 
     @contextlib.contextmanager
@@ -322,38 +316,6 @@ def _signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-class Timed:
-    """Stands for an object and adds the time of some of its methods to a table."""
-
-    def __init__(self, inner: object, table: dict[str, float], methods: dict[str, str]) -> None:
-        self._inner = inner
-        for method, phase in methods.items():
-            setattr(self, method, self._wrap(getattr(inner, method), table, phase))
-
-    @staticmethod
-    def _wrap(function: Callable, table: dict[str, float], phase: str) -> Callable:
-        def timed_call(*args: object, **options: object) -> object:
-            started = time.perf_counter()
-            result = function(*args, **options)
-            table[phase] += time.perf_counter() - started
-            return result
-
-        return timed_call
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._inner, name)
-
-
-class TimedCoupling(Timed):
-    """Stands for a coupling; the transfers it makes are timed too."""
-
-    def __init__(self, inner: object, table: dict[str, float]) -> None:
-        super().__init__(inner, table, {})
-        prepare = self._wrap(inner.at, table, "kernel weights")
-        methods = {"spread": "spread", "interpolate": "interpolate"}
-        self.at = lambda chi: Timed(prepare(chi), table, methods)
-
-
 def timed(model: Model, table: dict[str, float]) -> Model:
     """Return the model with a clock around its parts, so that the step itself needs none.
 
@@ -361,17 +323,5 @@ def timed(model: Model, table: dict[str, float]) -> Model:
         model: The model.
         table: Wall-clock time by phase, added to [s].
     """
-    return Model(
-        grid=model.grid,
-        fluid=Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"}),
-        solids=tuple(Timed(s, table, {"force": "elastic force"}) for s in model.solids),
-        couplings=tuple(TimedCoupling(c, table) for c in model.couplings),
-        circulation=model.circulation,
-        rigid=model.rigid,
-        transfers=tuple(
-            Timed(t, table, {"spread": "rigid surfaces", "interpolate": "rigid surfaces"})
-            for t in model.transfers
-        ),
-        heavy=model.heavy,
-        seepage=model.seepage,
-    )
+    fluid = Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"})
+    return replace(model, fluid=fluid, bodies=tuple(body.timed(table) for body in model.bodies))

@@ -7,8 +7,8 @@ the scheme of `valvefsi.fsi` has the trace 2 - c dt - omega^2 dt^2 and the deter
     dt^2 omega^2 + 2 dt c < 4,    that is    dt < 2 / sqrt(largest eigenvalue of M (K + 2 C / dt)),
 
 which the method of Lanczos finds in a few products: M K is self-adjoint in the product x . K y. Nodes that slip through
-the fluid with m times their force (seepage) add 2 dt s with s = m K to the left side, which is M + 2 m / dt instead of
-M; dampers count there too, on the safe side by 4 m C. What a bound for each cause by itself cannot know is in it: the
+the fluid with m times their force (Darcy slip) add 2 dt s with s = m K to the left side, which is M + 2 m / dt instead
+of M; dampers count there too, on the safe side by 4 m C. What a bound for each cause cannot know is in it: the
 projection takes away most of what the bulk modulus does, and thin bodies and points much closer than a spacing move
 the mass of fluid in their kernel.
 """
@@ -19,7 +19,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from mpi4py import MPI
 
 from valvefsi.fsi import Model, State, initial_state
 from valvefsi.grid import Array
@@ -31,7 +30,7 @@ NUDGE = 1e-5
 
 
 def stable_step(model: Model, state: State, dt: float, products: int = PRODUCTS) -> float:
-    """Return the largest stable step for all solids where they are now, infinite without any [s].
+    """Return the largest stable step for all bodies where they are now, infinite without any [s].
 
     Args:
         model: The model.
@@ -42,67 +41,56 @@ def stable_step(model: Model, state: State, dt: float, products: int = PRODUCTS)
     Note:
         Collective.
     """
-    limits = [measured_limit(model, dt, k, at=state, products=products) for k in range(len(model.solids))]
+    limits = [measured_limit(model, dt, k, at=state, products=products) for k in range(len(model.bodies))]
     return min(limits, default=math.inf)
 
 
 def measured_limit(
     model: Model, dt: float, number: int, *, at: State | None = None, products: int = PRODUCTS
 ) -> float:
-    """Return the largest stable step for the elastic forces, springs, dampers, seepage and excess mass of a solid [s].
+    """Return the largest stable step for elastic forces, springs, dampers, Darcy slip and excess mass of a body [s].
 
     Args:
         model: The model.
-        dt: The step in question, at which dampers, seepage and the fluid's viscosity are taken [s].
-        number: Which solid.
-        at: State in which the solid is; at rest without one.
+        dt: The step in question, at which dampers, Darcy slip and the fluid's viscosity are taken [s].
+        number: Which body.
+        at: State in which the body is; at rest without one.
         products: Products of the Lanczos method.
 
     Returns:
-        The limit, above dt where dt is stable and below it where it is not; infinite for a solid without stiffness.
+        The limit, above dt where dt is stable and below it where it is not; infinite for a body without
+        stiffness and for a rigid one.
 
     Note:
         Collective. Costs a fluid step and two evaluations of the force a product. A solid that is compressed or
         stretched is stiffer than at rest.
     """
-    solid, grid = model.solids[number], model.grid
-    chi = solid.X if at is None else at.chi[number]
-    t = 0.0 if at is None else at.t
-    transfer = model.couplings[number].at(chi)
-    rest = initial_state(model, dt)
-    pressures = model.circulation.pressures(rest.circuits, 0.0) if model.circulation else None
+    grid, rest = model.grid, initial_state(model, dt)
     nudge = NUDGE * float(min(grid.spacing[: grid.dim]))
-
-    def stiffness(d: Array) -> Array:
-        longest = grid.comm.allreduce(float(np.abs(d).max(initial=0.0)), op=MPI.MAX)
-        if not longest > 0.0:
-            return np.zeros_like(d)
-        step = nudge / longest
-        forth, back = (solid.force(chi + part * d, (2.0 / dt) * part * d, t).copy() for part in (step, -step))
-        return (back - forth) / (2.0 * step)
+    q, t = (None, 0.0) if at is None else (at.bodies[number], at.t)
+    body = model.bodies[number].small_motion(q, t, dt, nudge)
+    if body is None:
+        return math.inf
+    pressures = model.circulation.pressures(rest.circuits, 0.0)
 
     def velocity(F: Array | None) -> Array:
         f = grid.zero_faces()
         if F is not None:
-            transfer.spread(F, out=f)
+            body.transfer.spread(F, out=f)
         N = (rest.N, rest.N, 1.0)
         u, _ = model.fluid.step(rest.u, rest.p.copy(), N, f, 0.0, dt, pressures)
-        return transfer.interpolate(u)
+        return body.transfer.interpolate(u)
 
     base = velocity(None)
-    slip = (2.0 / dt) * model.seepage[number][:, None] if number in model.seepage else 0.0
-    start = np.random.default_rng(1).standard_normal((solid.num_nodes, 3))[solid.ids]
-    start[:, grid.dim :] = 0.0
 
     def mobility(F: Array) -> Array:
-        return (velocity(F) - base) / dt + slip * F
+        return (velocity(F) - base) / dt + body.slip * F
 
     def dot(a: Array, b: Array) -> float:
         return grid.comm.allreduce(float(np.vdot(a, b)))
 
-    largest = _largest_eigenvalue(stiffness, mobility, dot, start, products)
-    room = next((body.room for body in model.heavy if body.solid == number), 1.0)
-    return 2.0 * math.sqrt(room / largest) if largest > 0.0 else math.inf
+    largest = _largest_eigenvalue(body.stiffness, mobility, dot, body.start, products)
+    return 2.0 * math.sqrt(body.reserve / largest) if largest > 0.0 else math.inf
 
 
 def _largest_eigenvalue(

@@ -1,6 +1,7 @@
 """Numbers and fields read off a state: energy, dissipation, vorticity, flow, mean pressure, averages, profiles."""
 
 from valvefsi.post.diagnostics.averages import Averages
+from valvefsi.post.diagnostics.control_volume import ControlVolume
 from valvefsi.post.diagnostics.gradients import (
     dissipation,
     enstrophy,
@@ -23,6 +24,7 @@ from valvefsi.post.diagnostics.speeds import (
 __all__ = [
     "MPI",
     "Averages",
+    "ControlVolume",
     "Section",
     "cell_velocity",
     "dissipation",

@@ -1,0 +1,130 @@
+"""Rigid surfaces: points on a surface that stay where they are (Lee2020, section C: the aortic test section).
+
+Springs and dampers hold each point, F = w (-kappa d - eta U), with d the way the fluid has carried it. As d is a small
+part of a grid spacing, the kernel stays where the point is at rest: its weights are made once, and every rank keeps the
+points of its own cells.
+
+Where points lie closer than their kernel tells apart, springs whose forces cancel in it are never held back and grow
+for as long as a run lasts: points may slip back through the fluid to their place, d' = u - slip d.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from valvefsi.bodies.body import BodyBase, NoSeries
+from valvefsi.io.solid_body import Body, write_body
+from valvefsi.runtime.clock import Timed
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from valvefsi.coupling.transfer import Coupling
+    from valvefsi.types import Array, Faces, Indices, Table, Transfer
+
+QUADRILATERAL = 9
+"""VTK's number of the cell type."""
+
+
+@dataclass(frozen=True)
+class RigidHalf:
+    """A rigid surface halfway through a step."""
+
+    d: Array
+    force: Array
+    transfer: Transfer
+    slip: float
+    dt: float
+
+    def spread(self, f: Faces) -> None:
+        """Add the forces to the force density f on the faces [dyn/cm^3]. Collective."""
+        self.transfer.spread(self.force, out=f)
+
+    def whole(self, u_half: Faces) -> Table:
+        """Return the state after the step, carried by the velocity at its middle. Collective."""
+        return {"d": (1.0 - self.dt * self.slip) * self.d + self.dt * self.transfer.interpolate(u_half)}
+
+
+class RigidSurface(BodyBase):
+    """A rigid surface; every rank holds the points in its own cells.
+
+    Its state is ``d``, how far the fluid has carried its points, ``(n, 3)`` [cm].
+
+    Args:
+        points: The points of the whole surface, the same on all ranks, ``(num_points, 3)`` [cm].
+        areas: Area of each, ``(num_points,)`` [cm^2].
+        coupling: Its kernel on the grid.
+        name: Name in files.
+        stiffness: kappa per area [dyn/cm^3].
+        damping: eta per area [dyn s/cm^3].
+        slip: Rate at which a point slips back through the fluid to its place [1/s]; a traction f drives fluid through
+            the surface with slip f / kappa.
+        faces: Corners of quadrilaterals between the points, for pictures, ``(m, 4)``.
+
+    Attributes:
+        X: Points of this rank, ``(n, 3)`` [cm].
+        ids: Their numbers in the whole surface, ``(n,)``.
+        num_points: Number of points on all ranks.
+
+    Raises:
+        StabilityError: A point lies too near to a side, on the rank of the point.
+    """
+
+    def __init__(
+        self,
+        points: Array,
+        areas: Array,
+        coupling: Coupling,
+        *,
+        name: str,
+        stiffness: float,
+        damping: float,
+        slip: float = 0.0,
+        faces: Indices | None = None,
+    ) -> None:
+        if not stiffness > 0.0 or not damping >= 0.0 or not slip >= 0.0:
+            message = "expected stiffness > 0, damping >= 0 and slip >= 0"
+            raise ValueError(f"{message}, got {stiffness}, {damping}, {slip}")
+        self.name = name
+        self.stiffness, self.damping, self.slip = float(stiffness), float(damping), float(slip)
+        self.ids = np.asarray(coupling.own(points), dtype=np.int64)
+        self.num_points = len(points)
+        self.points, self.faces = points, faces
+        self.X: Array = np.ascontiguousarray(points[self.ids])
+        self.transfer: Transfer = coupling.stay(self.X)
+        self.weights = areas[self.ids]
+
+    def start(self, u: Faces) -> Table:
+        """Return the state at t = 0."""
+        return {"d": np.zeros_like(self.X)}
+
+    def half(self, q: Table, u: Faces, t: float, dt_old: float, dt: float) -> RigidHalf:
+        """Move half a step with the velocity that the points feel now, see `valvefsi.types.Body`. Collective."""
+        U = self.transfer.interpolate(u)
+        force = self.force(q["d"] + 0.5 * dt * U, U)
+        return RigidHalf(q["d"], force, self.transfer, self.slip, dt)
+
+    def force(self, d: Array, U: Array) -> Array:
+        """Return the force on the fluid of points carried by d and moving with U, ``(n, 3)`` [dyn]."""
+        return self.weights[:, None] * (-self.stiffness * d - self.damping * U)
+
+    def timed(self, table: dict[str, float]) -> Self:
+        """Return the surface with a clock around its transfer."""
+        other = copy(self)
+        phases = {"spread": "rigid surfaces", "interpolate": "rigid surfaces"}
+        other.transfer = Timed(self.transfer, table, phases)  # type: ignore[assignment]
+        return other
+
+    def series(self, folder: Path, comm: MPI.Comm, resume_time: float | None) -> NoSeries:
+        """Write it once, where it has faces. Collective."""
+        if comm.rank == 0 and self.faces is not None and len(self.faces):
+            write_body(
+                folder / f"{self.name}.vtu", Body(points=self.points, cells={QUADRILATERAL: self.faces})
+            )
+        comm.barrier()
+        return NoSeries()
