@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -54,6 +55,17 @@ class Orifice:
     radius: float
 
 
+class Observer(Protocol):
+    """Adds columns of its own to the history, and may keep what it sees."""
+
+    columns: Sequence[str]
+    """Names of its columns."""
+
+    def row(self, state: State) -> dict[str, float]:
+        """Return a value for each column (collective)."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Output:
     """What is written, where and how often.
@@ -71,6 +83,7 @@ class Output:
         every: Every how many cells along each axis the ParaView series of the fluid holds one.
         part: Lower and upper corner of the part of the box that it holds, None for all of it [cm].
         forces: Bodies whose force the history holds.
+        observers: What adds columns of its own to the history.
         orifice: Valve whose open area the history holds.
         sections: Planes and disks by name whose flow and mean pressure the history holds.
         dissipation: Whether the history holds the viscous dissipation of the box.
@@ -91,6 +104,7 @@ class Output:
     every: int = 1
     part: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     forces: tuple[ForceOutput, ...] = ()
+    observers: tuple[Observer, ...] = ()
     orifice: Orifice | None = None
     sections: Mapping[str, Section] = field(default_factory=dict)
     dissipation: bool = False
@@ -271,6 +285,7 @@ class Recorder:
         for probe, _ in self.probes:
             columns += [f"u_{axis}_{probe.name}_cm" for axis in "xyz"[: grid.dim]]
         columns += memory.forces.columns
+        columns += [name for observer in output.observers for name in observer.columns]
         if output.orifice is not None:
             columns.append("pdva_cm2")
         if output.dissipation:
@@ -315,6 +330,8 @@ class Recorder:
             shift = displacement(state.bodies[probe.body])
             row |= {f"u_{axis}_{probe.name}_cm": shift[a] for a, axis in enumerate("xyz"[: grid.dim])}
         row |= self.memory.forces.row(state)
+        for observer in self.output.observers:
+            row |= observer.row(state)
         return row | self._open_area(state) | self._read_off(state) | self._circuits(state)
 
     def _open_area(self, state: State) -> dict[str, float]:
