@@ -54,14 +54,15 @@ test-parallel: $(STAMP) ## the same tests under mpirun, without those that start
 test-slow: $(STAMP) ## the longer studies
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(PYTEST) -m slow $(ARGS)
 
-lint: $(STAMP) ## ruff: rules and format
+lint: $(STAMP) ## ruff: rules and format; mypy: annotations
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 
 format: $(STAMP) ## let ruff put the format right
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
 clean: ## remove .venv, caches and logs; results stay
-	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache
 	find valvefsi tests demos -name __pycache__ -type d -prune -exec rm -rf {} +

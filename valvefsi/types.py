@@ -28,6 +28,12 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 """Numbers of nodes, points, cells or samples."""
 
+Mask = NDArray[np.bool_]
+"""Which entries are meant."""
+
+Slices = tuple[slice, slice, slice]
+"""A part of a local array."""
+
 Faces = tuple[Array, ...]
 """A field on the faces of the staggered grid: one local array with ghost layers per axis, ``(nx, ny, nz)`` each."""
 

@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import expm, get_lapack_funcs
+
+from valvefsi.types import Array, Indices
 
 SAME_STEP = 1e-12
 """Steps that differ by less, relative to the median step, share one matrix exponential."""
@@ -39,8 +41,8 @@ class CircuitState:
     """
 
     t: float
-    x: NDArray
-    u: NDArray
+    x: Array
+    u: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,12 +55,12 @@ class Sampling:
         which: Number of the size of each interval, ``(n - 1,)``.
     """
 
-    t: NDArray
-    sizes: NDArray
-    which: NDArray
+    t: Array
+    sizes: Array
+    which: Indices
 
     @classmethod
-    def of(cls, t: NDArray | Sampling) -> Sampling:
+    def of(cls, t: Array | Sampling) -> Sampling:
         """Sort the intervals of times; a sampling is returned as it is.
 
         Raises:
@@ -89,16 +91,16 @@ class LinearSystem:
         output: Name of the output.
     """
 
-    A: NDArray
-    B: NDArray
-    C: NDArray
-    D: NDArray
+    A: Array
+    B: Array
+    C: Array
+    D: Array
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     output: str
-    _last: dict = field(default_factory=dict, repr=False)
+    _last: dict[str, Any] = field(default_factory=dict, repr=False)
 
-    def propagators(self, dt: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
+    def propagators(self, dt: ArrayLike) -> tuple[Array, Array, Array]:
         """Return E, G0, G1 of the exact update x_new = E x + G0 u + G1 u_new, for each step size.
 
             exp(dt [A B 0; 0 0 1/dt; 0 0 0]) = [E, Gamma_1, Gamma_2; ...],   G0 = Gamma_1 - Gamma_2,  G1 = Gamma_2
@@ -156,7 +158,7 @@ class LinearSystem:
         """Return the output y = C x + D u at a state."""
         return float(self.C @ s.x + self.D @ s.u)
 
-    def simulate(self, t: NDArray | Sampling, u: NDArray, x: ArrayLike) -> NDArray:
+    def simulate(self, t: Array | Sampling, u: Array, x: ArrayLike) -> Array:
         """Return the states at all samples.
 
         Args:
@@ -170,11 +172,11 @@ class LinearSystem:
         E, forcing = self._steps(t, u)
         return _recur(E, forcing, np.asarray(x))
 
-    def outputs(self, x: NDArray, u: NDArray) -> NDArray:
+    def outputs(self, x: Array, u: Array) -> Array:
         """Return y = C x + D u at all samples, ``(n,)``."""
         return x @ self.C + u @ self.D
 
-    def periodic_state(self, t: NDArray | Sampling, u: NDArray) -> NDArray:
+    def periodic_state(self, t: Array | Sampling, u: Array) -> Array:
         """Solve for the states at ``t[0]`` to which the record ``t``, ``u`` returns them: the periodic steady state.
 
             x(T) = exp(A T) x(0) + forced(T) = x(0)
@@ -202,12 +204,12 @@ class LinearSystem:
 
     def sensitivities(
         self,
-        t: NDArray | Sampling,
-        u: NDArray,
-        x: NDArray,
+        t: Array | Sampling,
+        u: Array,
+        x: Array,
         moved: Sequence[LinearSystem],
-        start: NDArray | None,
-    ) -> NDArray:
+        start: Array | None,
+    ) -> Array:
         """Return the derivative of the output by parameters and initial states.
 
             s_{n+1} = E s_n + E' x_n + G0' u_n + G1' u_{n+1},   y' = C' x + C s + D' u
@@ -241,11 +243,11 @@ class LinearSystem:
             start = np.linalg.solve(np.eye(m) - expm(self.A * (sampling.t[-1] - sampling.t[0])), forced)
         return slope + np.einsum("nmk,m->nk", _recur(E, forcing, start), self.C)
 
-    def steady_state(self, u: ArrayLike) -> NDArray:
+    def steady_state(self, u: ArrayLike) -> Array:
         """Return the states that constant inputs lead to, -A^-1 B u."""
         return np.linalg.solve(self.A, -self.B @ np.asarray(u)) if self.states else np.zeros(0)
 
-    def _steps(self, t: NDArray | Sampling, u: NDArray) -> tuple[NDArray, NDArray]:
+    def _steps(self, t: Array | Sampling, u: Array) -> tuple[Array, Array]:
         """Return E of each interval (one, where all are alike), and what its inputs add."""
         sampling = Sampling.of(t)
         E, G0, G1 = self.propagators(sampling.sizes)
@@ -284,21 +286,21 @@ def reduce(
     Returns:
         The system of the unknowns that have storage.
     """
-    storage, A, B, C, D = (np.asarray(part) for part in (storage, A, B, C, D))
-    keep, drop = np.flatnonzero(storage != 0), np.flatnonzero(storage == 0)
+    M, A_, B_, C_, D_ = (np.asarray(part) for part in (storage, A, B, C, D))
+    keep, drop = np.flatnonzero(M != 0), np.flatnonzero(M == 0)
     unknowns, inputs, (output,) = names
     if len(drop):
         weights = -np.linalg.solve(
-            A[np.ix_(drop, drop)], np.concatenate([A[np.ix_(drop, keep)], B[drop]], axis=1)
+            A_[np.ix_(drop, drop)], np.concatenate([A_[np.ix_(drop, keep)], B_[drop]], axis=1)
         )
         by_x, by_u = weights[:, : len(keep)], weights[:, len(keep) :]
-        through = A[np.ix_(keep, drop)]
-        B = B[keep] + through @ by_u
-        A = A[np.ix_(keep, keep)] + through @ by_x
-        C, D = C[keep] + C[drop] @ by_x, D + C[drop] @ by_u
-    rate = 1.0 / storage[keep][:, None]
+        through = A_[np.ix_(keep, drop)]
+        B_ = B_[keep] + through @ by_u
+        A_ = A_[np.ix_(keep, keep)] + through @ by_x
+        C_, D_ = C_[keep] + C_[drop] @ by_x, D_ + C_[drop] @ by_u
+    rate = 1.0 / M[keep][:, None]
     states = tuple(unknowns[i] for i in keep)
-    return LinearSystem(A=rate * A, B=rate * B, C=C, D=D, states=states, inputs=inputs, output=output)
+    return LinearSystem(A=rate * A_, B=rate * B_, C=C_, D=D_, states=states, inputs=inputs, output=output)
 
 
 def check_values(owner: object, positive: tuple[str, ...], not_negative: tuple[str, ...] = ()) -> None:
@@ -314,14 +316,14 @@ def check_values(owner: object, positive: tuple[str, ...], not_negative: tuple[s
             raise ValueError(f"{name} = {value!r}: expected a finite number {least}")
 
 
-def _apply(matrices: NDArray, which: NDArray, vectors: NDArray) -> NDArray:
+def _apply(matrices: Array, which: Indices, vectors: Array) -> Array:
     """Return the product of each interval's matrix and vector, ``(n - 1, num_states)``."""
     if len(matrices) == 1:
         return vectors @ matrices[0].T
     return np.einsum("nij,nj->ni", matrices[which], vectors)
 
 
-def _recur(E: NDArray, forcing: NDArray, x: NDArray) -> NDArray:
+def _recur(E: Array, forcing: Array, x: Array) -> Array:
     """Return all x_n of x_{n+1} = E_n x_n + forcing_n (or E_0 x_n): one triangular banded solve.
 
     Args:

@@ -18,9 +18,7 @@ from valvefsi.errors import CaseError
 from valvefsi.geometry.mesh import _quiet_gmsh
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Gmsh, Indices
 
 VOLUMES = {"tetra": 4, "hexahedron": 5}
 """Cells of volume meshes by meshio's name, and gmsh's number of their type."""
@@ -70,7 +68,7 @@ def import_mesh(
         return _numbers(gmsh)
 
 
-def _read(path: Path) -> tuple[Array, dict[str, NDArray]]:
+def _read(path: Path) -> tuple[Array, dict[str, Indices]]:
     """Read points and cells, points at one place made one."""
     import meshio
 
@@ -86,14 +84,14 @@ def _read(path: Path) -> tuple[Array, dict[str, NDArray]]:
     _, first, same = np.unique(
         np.round(points / max(1e-9 * extent, 1e-300)), axis=0, return_index=True, return_inverse=True
     )
-    cells: dict[str, list[NDArray]] = {}
+    cells: dict[str, list[Indices]] = {}
     for block in mesh.cells:
         cells.setdefault(block.type, []).append(same.ravel()[block.data])
     return points[first], {kind: np.concatenate(blocks) for kind, blocks in cells.items()}
 
 
 def _fill(
-    gmsh: object, points: Array, triangles: NDArray, size: float | None, angle: float, path: Path
+    gmsh: Gmsh, points: Array, triangles: Indices, size: float | None, angle: float, path: Path
 ) -> None:
     """Fill a closed surface with tetrahedra."""
     import meshio
@@ -124,7 +122,7 @@ def _fill(
         raise CaseError(f"gmsh cannot fill this surface: {error}", file=path) from None
 
 
-def _in_patches(gmsh: object, points: Array, triangles: NDArray, angle: float) -> list[list[int]]:
+def _in_patches(gmsh: Gmsh, points: Array, triangles: Indices, angle: float) -> list[list[int]]:
     """Gather gmsh's surfaces by patch: it cuts patches further, such that each can be laid flat."""
     from scipy.spatial import cKDTree
 
@@ -138,10 +136,10 @@ def _in_patches(gmsh: object, points: Array, triangles: NDArray, angle: float) -
     return [tags for tags in found if tags]
 
 
-def _take(gmsh: object, points: Array, kind: str, cells: NDArray, angle: float) -> None:
+def _take(gmsh: Gmsh, points: Array, kind: str, cells: Indices, angle: float) -> None:
     """Take a volume mesh, with its surface in patches."""
-    used, cells = np.unique(cells, return_inverse=True)
-    points, cells = points[used], cells.reshape(-1, {"tetra": 4, "hexahedron": 8}[kind])
+    used, numbers = np.unique(cells, return_inverse=True)
+    points, cells = points[used], numbers.reshape(-1, {"tetra": 4, "hexahedron": 8}[kind])
     faces = cells[:, FACES[kind]].reshape(-1, len(FACES[kind][0]))
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     outer = faces[np.sort(first[count == 1])]
@@ -163,7 +161,7 @@ def _take(gmsh: object, points: Array, kind: str, cells: NDArray, angle: float) 
     model.addPhysicalGroup(3, [1], name="body")
 
 
-def _patches(points: Array, faces: NDArray, angle: float) -> NDArray:
+def _patches(points: Array, faces: Indices, angle: float) -> Indices:
     """Number the patches of a surface that part where its normal turns by more than an angle, ``(num_faces,)``."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -185,7 +183,7 @@ def _patches(points: Array, faces: NDArray, angle: float) -> NDArray:
     return connected_components(graph, directed=False)[1]
 
 
-def _numbers(gmsh: object) -> dict[str, object]:
+def _numbers(gmsh: Gmsh) -> dict[str, object]:
     types, elements, _ = gmsh.model.mesh.getElements(3)
     tags, points, _ = gmsh.model.mesh.getNodes()
     x = np.asarray(points).reshape(-1, 3)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from dolfinx.mesh import Mesh, MeshTags
     from mpi4py import MPI
 
+    from valvefsi.types import Gmsh
+
 
 @dataclass(frozen=True, kw_only=True)
 class SolidMesh:
@@ -96,7 +98,7 @@ def read_mesh(path: str | Path, comm: MPI.Comm) -> SolidMesh:
     """
     path = Path(path)
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         if not path.is_file():
             raise CaseError("no such mesh file", file=path)
         try:
@@ -107,7 +109,7 @@ def read_mesh(path: str | Path, comm: MPI.Comm) -> SolidMesh:
     return mesh_from_gmsh(build, comm, source=str(path))
 
 
-def mesh_from_gmsh(build: Callable[[object], None], comm: MPI.Comm, *, source: str) -> SolidMesh:
+def mesh_from_gmsh(build: Callable[[Gmsh], None], comm: MPI.Comm, *, source: str) -> SolidMesh:
     """Make a mesh with ``build(gmsh)``, which rank 0 alone calls with a fresh, quiet gmsh.
 
     Args:
@@ -137,7 +139,7 @@ def mesh_from_gmsh(build: Callable[[object], None], comm: MPI.Comm, *, source: s
 
 
 @contextlib.contextmanager
-def _quiet_gmsh() -> Iterator[object]:
+def _quiet_gmsh() -> Iterator[Gmsh]:
     """Give gmsh with an empty model, silent, leaving Ctrl-C to Python; put back what was there before."""
     import gmsh
 
@@ -160,7 +162,7 @@ def _quiet_gmsh() -> Iterator[object]:
             gmsh.option.setNumber("General.Terminal", terminal)
 
 
-def _inspect(model: object, source: str) -> tuple[int, dict[str, tuple[int, int]]]:
+def _inspect(model: Gmsh, source: str) -> tuple[int, dict[str, tuple[int, int]]]:
     """Return dimension and names of the physical groups of a gmsh model; renumber its nodes without gaps."""
     _, points, _ = model.mesh.getNodes()
     groups = model.getPhysicalGroups()
@@ -181,7 +183,7 @@ def _inspect(model: object, source: str) -> tuple[int, dict[str, tuple[int, int]
     return gdim, _names(model, tdim, source)
 
 
-def _names(model: object, tdim: int, source: str) -> dict[str, tuple[int, int]]:
+def _names(model: Gmsh, tdim: int, source: str) -> dict[str, tuple[int, int]]:
     """Return ``{name: (dimension, tag)}`` of the groups of cells and facets; name those without a name."""
     names: dict[str, tuple[int, int]] = {}
     for dim, tag in model.getPhysicalGroups():
@@ -196,7 +198,7 @@ def _names(model: object, tdim: int, source: str) -> dict[str, tuple[int, int]]:
     return names
 
 
-def _count_elements(model: object, dim: int, tag: int) -> int:
+def _count_elements(model: Gmsh, dim: int, tag: int) -> int:
     """Return the number of elements in a physical group."""
     entities = model.getEntitiesForPhysicalGroup(dim, tag)
     return sum(len(tags) for entity in entities for tags in model.mesh.getElements(dim, entity)[1])

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from valvefsi.geometry.leaflets import ValveGeometry
     from valvefsi.geometry.mesh import SolidMesh
+    from valvefsi.types import Array, Gmsh
 
-    Array = NDArray[np.float64]
     Cells = NDArray[np.int64]
 
 STEP = 1e-5
@@ -192,7 +192,7 @@ def distribute(mesh: ValveMesh, comm: MPI.Comm) -> SolidMesh:
     return mesh_from_gmsh(lambda gmsh: _to_gmsh(gmsh, mesh), comm, source="valve")
 
 
-def _to_gmsh(gmsh: object, mesh: ValveMesh) -> None:
+def _to_gmsh(gmsh: Gmsh, mesh: ValveMesh) -> None:
     """Fill gmsh's model: facets 1, 2, ... and then the cells, in the order in which gmsh writes them."""
     model, start = gmsh.model, 1
     for number in range(1, len(mesh.facets) + 1):

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array
 
 LARGEST_RATIO = 1.1
 """Largest ratio of neighbouring widths."""

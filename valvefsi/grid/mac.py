@@ -15,8 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from mpi4py import MPI
 
-Array = np.ndarray
-Faces = tuple[Array, ...]
+from valvefsi.types import Array, Faces, Slices
 
 GHOSTS = 4
 """Ghost layers: the upwind reconstruction reaches four, the widest kernel (six points) three."""
@@ -98,18 +97,18 @@ class MacGrid:
         Raises:
             ValueError: As for the class, or positions do not increase.
         """
-        edges = [np.asarray(e, dtype=float) for e in edges]
-        if any(e.ndim != 1 or len(e) < 2 or not np.all(np.diff(e) > 0.0) for e in edges):
+        ends = [np.asarray(e, dtype=float) for e in edges]
+        if any(e.ndim != 1 or len(e) < 2 or not np.all(np.diff(e) > 0.0) for e in ends):
             raise ValueError("the edges of cells must increase along every axis")
         grid = cls(
-            [e[0] for e in edges],
-            [e[-1] for e in edges],
-            [len(e) - 1 for e in edges],
+            [e[0] for e in ends],
+            [e[-1] for e in ends],
+            [len(e) - 1 for e in ends],
             periodic,
             comm,
             process_grid,
         )
-        widths = [np.diff(e) for e in edges] + [grid.cell_widths[2]][: 3 - grid.dim]
+        widths = [np.diff(e) for e in ends] + [grid.cell_widths[2]][: 3 - grid.dim]
         grid._set_widths(
             [
                 w if np.ptp(w) > UNIFORM * w.max() else uniform
@@ -165,7 +164,8 @@ class MacGrid:
         self.is_first = tuple(r == 0 for r in place)
         self.is_last = tuple(r == p - 1 for r, p in zip(place, (n0, n1, 1), strict=True))
         self.shape = tuple(n + 2 * g for n, g in zip(self.size, self.ghosts, strict=True))
-        self.owned = tuple(slice(g, g + n) for n, g in zip(self.size, self.ghosts, strict=True))
+        x, y, z = (slice(g, g + n) for n, g in zip(self.size, self.ghosts, strict=True))
+        self.owned = (x, y, z)
         # Communicators along each divided axis: all ranks that share the other coordinate.
         self.axis_comms = (
             (self.comm, MPI.COMM_SELF)
@@ -173,21 +173,22 @@ class MacGrid:
             else (self.comm.Split(self.position[1]), self.comm.Split(self.position[0]))
         )
 
-    def owned_faces(self, d: int) -> tuple[slice, slice, slice]:
+    def owned_faces(self, d: int) -> Slices:
         """Slices of the owned faces of component d, boundary face ``n`` included on its last rank."""
         extra = int(self.is_last[d] and not self.periodic[d])
-        return tuple(
-            slice(s.start, s.stop + (extra if axis == d else 0)) for axis, s in enumerate(self.owned)
-        )
+        x, y, z = (slice(s.start, s.stop + (extra if axis == d else 0)) for axis, s in enumerate(self.owned))
+        return x, y, z
 
-    def unknown_faces(self, d: int) -> tuple[slice, slice, slice]:
+    def unknown_faces(self, d: int) -> Slices:
         """Slices of the owned faces of component d that are not on a side: the unknowns of the momentum equation."""
         skip = int(self.is_first[d] and not self.periodic[d])
-        return tuple(slice(s.start + (skip if axis == d else 0), s.stop) for axis, s in enumerate(self.owned))
+        x, y, z = (slice(s.start + (skip if axis == d else 0), s.stop) for axis, s in enumerate(self.owned))
+        return x, y, z
 
     def face_shape(self, d: int) -> tuple[int, int, int]:
         """Global number of faces of component d along each axis."""
-        return tuple(n + int(axis == d and not self.periodic[d]) for axis, n in enumerate(self.cells))
+        x, y, z = (n + int(axis == d and not self.periodic[d]) for axis, n in enumerate(self.cells))
+        return x, y, z
 
     def zeros(self) -> Array:
         """Return a local cell or face array of zeros, ghosts included."""

@@ -66,7 +66,7 @@ class History:
 
     def _start(self, resume_step: int | None) -> None:
         """Write the heading and the rows that stay, in one go."""
-        rows = []
+        rows: list[list[str]] = []
         if resume_step is not None and self.path.exists():
             columns, rows = _read_rows(self.path)
             if columns != self.columns:

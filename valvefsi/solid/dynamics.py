@@ -28,9 +28,7 @@ from valvefsi.solid.newton import Newton
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 __all__ = ["CentralDifferences", "Energies", "GeneralisedAlpha", "MovingSolid", "run"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from valvefsi.runtime import dolfinx_compat as compat
 
@@ -25,7 +25,13 @@ def weak(method: Callable[..., None]) -> Callable[..., None]:
     owner would live for ever, and with it the mesh and its MPI communicators.
     """
     reference = weakref.WeakMethod(method)
-    return lambda *arguments: reference()(*arguments)
+
+    def call(*arguments: Any) -> None:
+        alive = reference()
+        assert alive is not None  # the owner outlives its solver's calls
+        alive(*arguments)
+
+    return call
 
 
 class Newton:

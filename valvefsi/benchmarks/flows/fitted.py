@@ -14,7 +14,6 @@ residual of the momentum equation there, which is more accurate than the integra
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
 import basix.ufl
+import dolfinx
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc
@@ -30,8 +30,8 @@ from dolfinx.mesh import exterior_facet_indices
 from petsc4py import PETSc
 
 from valvefsi.errors import StabilityError
+from valvefsi.types import Array, Indices
 
-Array = np.ndarray
 Velocity = Sequence[Callable[[Array], Array] | float | None]
 """Both components, each a number, a function of the points ``(3, n)``, or None where it is free [cm/s]."""
 DEGREE = 6
@@ -58,8 +58,8 @@ class FittedFlow:
 
     def __init__(
         self,
-        mesh: Any,
-        sides: Mapping[str, tuple[Array, Velocity]],
+        mesh: dolfinx.mesh.Mesh,
+        sides: Mapping[str, tuple[Indices, Velocity]],
         *,
         rho: float,
         mu: float,
@@ -93,7 +93,7 @@ class FittedFlow:
         self.matrix = petsc.assemble_matrix(compat.compile_form(bilinear))
         self.matrix.assemble()
 
-    def _components(self, facets: Array) -> list[tuple[Array, Array]]:
+    def _components(self, facets: Indices) -> list[tuple[Indices, Array]]:
         """This rank's unknowns on facets, whoever has these, and their points ``(3, n)``, of both components."""
         found = []
         for d in range(2):
@@ -111,12 +111,12 @@ class FittedFlow:
         return self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
 
     def _given(
-        self, sides: Mapping[str, tuple[Array, Velocity]]
-    ) -> tuple[dict[str, list[Array]], PETSc.Vec, Array]:
+        self, sides: Mapping[str, tuple[Indices, Velocity]]
+    ) -> tuple[dict[str, list[Indices]], PETSc.Vec, Indices]:
         """Return the unknowns of each side by component, what is given as a vector, and those it is given for."""
         self.space.mesh.topology.create_connectivity(1, 2)
         given, fixed = compat.create_vector(self.space), []
-        nodes: dict[str, list[Array]] = {}
+        nodes: dict[str, list[Indices]] = {}
         for name, (facets, velocity) in sides.items():
             nodes[name] = []
             for (unknowns, x), value in zip(self._components(facets), velocity, strict=True):
@@ -129,7 +129,7 @@ class FittedFlow:
             fixed.append(pressures[:1])
         return nodes, given, np.unique(np.concatenate([np.zeros(0, np.int32), *fixed]))
 
-    def _closed(self, facets: list[Array]) -> bool:
+    def _closed(self, facets: list[Indices]) -> bool:
         """Whether something is given on every side (collective)."""
         outside = exterior_facet_indices(self.space.mesh.topology)
         return not self.comm.allreduce(len(np.setdiff1d(outside, np.concatenate(facets))))

@@ -30,11 +30,11 @@ from valvefsi.solid.newton import Newton
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from ufl.core.expr import Expr
 
+    from valvefsi.solid.materials.laws import Material
     from valvefsi.solid.materials.parameters import Direction
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 UNIT_TOLERANCE = 1e-6
 """Largest difference of a fibre's length to 1 that the solid accepts."""
@@ -43,7 +43,7 @@ DATA_TOLERANCE = 1e-2
 """The same for data from files, which are then normalised."""
 
 
-def from_function(mesh: object, function: Callable[[Array], Array], *, degree: int = 0) -> fem.Function:
+def from_function(mesh: Mesh, function: Callable[[Array], Array], *, degree: int = 0) -> fem.Function:
     """Make a fibre field of a function of the reference position.
 
     Args:
@@ -63,7 +63,7 @@ def from_function(mesh: object, function: Callable[[Array], Array], *, degree: i
     return _fill(mesh, space, vectors)
 
 
-def constant(mesh: object, direction: Sequence[float]) -> fem.Function:
+def constant(mesh: Mesh, direction: Sequence[float]) -> fem.Function:
     """Make a fibre field with one direction, ``(dim,)`` of any length (collective)."""
     vector = np.asarray(direction, dtype=np.float64)
     if vector.shape != (mesh.dim,):
@@ -72,7 +72,7 @@ def constant(mesh: object, direction: Sequence[float]) -> fem.Function:
 
 
 def circumferential(
-    mesh: object,
+    mesh: Mesh,
     *,
     axis: Sequence[float] = (0.0, 0.0, 1.0),
     through: Sequence[float] = (0.0, 0.0, 0.0),
@@ -119,7 +119,7 @@ def circumferential(
 
 
 def blend(
-    mesh: object,
+    mesh: Mesh,
     angles: Mapping[str, float],
     *,
     axis: Sequence[float] = (0.0, 0.0, 1.0),
@@ -149,7 +149,8 @@ def blend(
     """
     if len(angles) != 2 or not all(math.isfinite(angle) for angle in angles.values()):
         raise CaseError("expected two facet tags with an angle each", key="angles", value=dict(angles))
-    phi, gradient = _depth(mesh, tuple(angles))
+    inner, outer = angles
+    phi, gradient = _depth(mesh, (inner, outer))
     along = _unit((0.0, 0.0, 1.0) if mesh.dim == 2 else axis, "axis")
     first, second = (math.radians(angle) for angle in angles.values())
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -162,7 +163,7 @@ def blend(
     return _from_values(mesh, np.cos(alpha) * around + np.sin(alpha) * up)
 
 
-def from_cells(mesh: object, points: Array, vectors: Array) -> fem.Function:
+def from_cells(mesh: Mesh, points: Array, vectors: Array) -> fem.Function:
     """Make a fibre field of data given cell by cell, in any order and on any partition.
 
     Args:
@@ -200,7 +201,7 @@ def from_cells(mesh: object, points: Array, vectors: Array) -> fem.Function:
         raise CaseError(f"cells without data: {error.reason}", file=mesh.source, key="fibre") from None
 
 
-def read_fibres(mesh: object, path: str | Path, name: str) -> fem.Function:
+def read_fibres(mesh: Mesh, path: str | Path, name: str) -> fem.Function:
     """Read a fibre field from the cell data or point data ``name`` of a file that meshio reads (.vtu, .msh ...).
 
     The file's cells must be those of the mesh, in any order. Point data are averaged over the corners of each cell,
@@ -223,7 +224,7 @@ def read_fibres(mesh: object, path: str | Path, name: str) -> fem.Function:
     return from_cells(mesh, points, vectors)
 
 
-def check_fibres(mesh: object, material: object) -> None:
+def check_fibres(mesh: Mesh, material: Material) -> None:
     """Refuse fibre fields that a material cannot use: missing, not unit, not at right angles where they must be.
 
     Raises:
@@ -265,7 +266,7 @@ def directions(material: object) -> Iterator[Direction]:
                 yield from directions(entry)
 
 
-def at_midpoints(mesh: object, expression: object) -> Array:
+def at_midpoints(mesh: Mesh, expression: Expr) -> Array:
     """Evaluate a UFL expression at the middle of this rank's cells, ``(num_cells, size)`` (collective)."""
     domain = mesh.mesh
     tdim = domain.topology.dim
@@ -277,7 +278,7 @@ def at_midpoints(mesh: object, expression: object) -> Array:
     return compat.evaluate(compat.compile_expression(of_mesh, middle, domain.comm), domain, cells)
 
 
-def on_root(mesh: object, name: str) -> tuple[Array, Array] | None:
+def on_root(mesh: Mesh, name: str) -> tuple[Array, Array] | None:
     """Gather a fibre field for pictures: middles ``(n, 3)`` and vectors ``(n, 3)`` on rank 0 (collective)."""
     dim = mesh.dim
     a = Kinematics(ufl.Identity(dim), mesh.fibres).vector(name)
@@ -292,7 +293,7 @@ def on_root(mesh: object, name: str) -> tuple[Array, Array] | None:
     return points[order], values[order]
 
 
-def _from_values(mesh: object, vectors: Array) -> fem.Function:
+def _from_values(mesh: Mesh, vectors: Array) -> fem.Function:
     """Make a field of degree 0 of vectors of this rank's own cells, ``(num_cells, 3)``."""
     space = fem.functionspace(mesh.mesh, ("DG", 0, (mesh.dim,)))
     ordered = np.full((space.dofmap.index_map.size_local, mesh.dim), np.nan)
@@ -300,7 +301,7 @@ def _from_values(mesh: object, vectors: Array) -> fem.Function:
     return _fill(mesh, space, ordered)
 
 
-def _fill(mesh: object, space: fem.FunctionSpace, vectors: Array) -> fem.Function:
+def _fill(mesh: Mesh, space: fem.FunctionSpace, vectors: Array) -> fem.Function:
     """Make a function of the normalised vectors of this rank's own nodes; refuse zero and NaN."""
     length = np.linalg.norm(vectors, axis=1)
     bad = mesh.mesh.comm.allreduce(int(np.count_nonzero(~(np.isfinite(length) & (length > 0)))))
@@ -321,7 +322,7 @@ def _unit(vector: Sequence[float], key: str) -> Array:
     return given / length
 
 
-def _depth(mesh: object, surfaces: tuple[str, str]) -> tuple[Array, Array]:
+def _depth(mesh: Mesh, surfaces: tuple[str, str]) -> tuple[Array, Array]:
     """Solve Laplace's equation between two surfaces; phi and its gradient in the middle of all local cells."""
     domain = mesh.mesh
     space = fem.functionspace(domain, ("Lagrange", 1))
@@ -331,7 +332,9 @@ def _depth(mesh: object, surfaces: tuple[str, str]) -> tuple[Array, Array]:
     conditions = []
     for value, name in enumerate(surfaces):
         dim, tag = mesh.tag(name)
-        facets = mesh.facet_tags.find(tag) if dim == facet_dim else np.zeros(0, dtype=np.int32)
+        facets = np.zeros(0, dtype=np.int32)
+        if dim == facet_dim and mesh.facet_tags is not None:
+            facets = mesh.facet_tags.find(tag)
         if domain.comm.allreduce(len(facets)) == 0:
             raise CaseError("no facet carries this tag", file=mesh.source, key="angles", value=name)
         dofs = fem.locate_dofs_topological(space, facet_dim, facets)

@@ -38,6 +38,18 @@ if TYPE_CHECKING:
     from valvefsi.solid.materials.kinematics import Kinematics
 
 
+class VolumeRatio(Protocol):
+    """What a volumetric energy asks of the kinematics."""
+
+    @property
+    def J(self) -> Expr:
+        """Volume ratio det F."""
+
+    @property
+    def log_J(self) -> Expr:
+        """Its logarithm."""
+
+
 class Material(Protocol):
     """What the solid needs to know of a material.
 
@@ -186,7 +198,7 @@ class Volumetric:
             listed = ", ".join(self.FORMS)
             raise CaseError(f"expected one of {listed}", key="volumetric", value=self.form)
 
-    def energy(self, kinematics: Kinematics) -> Expr:
+    def energy(self, kinematics: VolumeRatio) -> Expr:
         """Return U(J) [dyn/cm^2]."""
         if self.form == "log":
             return self.kappa / 2 * kinematics.log_J**2

@@ -17,9 +17,7 @@ from mpi4py import MPI
 from valvefsi.solid.materials.kinematics import Kinematics
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 class Pointwise:
