@@ -7,6 +7,7 @@ is drawn. `Benchmark.run` owns the rest: the series of runs, finished ones that 
 
 from __future__ import annotations
 
+import gc
 import json
 import time
 from abc import ABC, abstractmethod
@@ -205,6 +206,10 @@ class Benchmark(Command, Generic[R, K]):
         """Return the folder of a run."""
         return out
 
+    def values_of(self, run: R) -> Values:
+        """Return the parameters that a run depends on."""
+        return self.values
+
     def alike(self, run: R) -> Sequence[Hashable]:
         """Return kinds that a run belongs to and that take about as long, the narrowest first; none: no forecast."""
         return ()
@@ -239,7 +244,7 @@ class Benchmark(Command, Generic[R, K]):
 
     def _record(self, run: R, job: Job) -> Record:
         """Return the record of a run, that of its folder where it is kept (collective)."""
-        asked = {"benchmark": self.name, "run": _plain_run(run), "values": self.values}
+        asked = {"benchmark": self.name, "run": _plain_run(run), "values": self.values_of(run)}
         kept = job.comm.bcast(_kept(job.folder, asked) if self.keeps and job.comm.rank == 0 else None)
         if kept is not None:
             return dict(kept)
@@ -248,6 +253,7 @@ class Benchmark(Command, Generic[R, K]):
         record["wall_s"] = job.comm.allreduce(time.perf_counter() - begin, op=MPI.MAX)
         record |= {"ranks": job.comm.size, "date": time.strftime("%Y-%m-%d")}
         record["peak_memory_gib"] = peak_memory(job.comm)
+        gc.collect()  # frees communicators of this run's meshes, of which an MPI library has only some thousand
         if self.keeps and job.comm.rank == 0:
             job.folder.mkdir(parents=True, exist_ok=True)
             text = json.dumps({"asked": asked, "record": public(record)}, default=plain)
@@ -328,6 +334,10 @@ class Joined(Command):
         """Return what stands before the lines of a part."""
         return part
 
+    def parameters_of(self, results: Mapping[str, Result]) -> dict[str, Any]:
+        """Return what was run, by part."""
+        return {part: result["parameters"] for part, result in results.items()}
+
     def run(
         self,
         *,
@@ -343,7 +353,8 @@ class Joined(Command):
         }
         result = {
             "benchmark": self.name,
-            **{key: {part: one[key] for part, one in found.items()} for key in ENTRIES},
+            "parameters": self.parameters_of(found),
+            **{key: {part: one[key] for part, one in found.items()} for key in ("quantities", "reference")},
             "table": [
                 {**line, "quantity": line["quantity"] and f"{self.title(part)}: {line['quantity']}"}
                 for part, one in found.items()
@@ -354,7 +365,3 @@ class Joined(Command):
         }
         write_result(out, result, comm)
         return result
-
-
-ENTRIES = ("parameters", "quantities", "reference")
-"""What a joined result holds by part."""

@@ -57,10 +57,71 @@ ENTRIES = (
         "Steady flow in a cavity with a sliding lid against a published table.",
     ),
     Entry(
+        "cylinder",
+        FLOWS,
+        "flows.cylinder:Cylinder",
+        "Drag, lift and shedding of a rigid cylinder at Re 100, held in the flow on a graded grid.",
+    ),
+    Entry(
         "cylinder-fitted",
         FLOWS,
         "flows.cylinder_fitted:CylinderFitted",
         "Flow past a cylinder at Re 100 on a mesh that fits it, with finite elements: an independent answer.",
+    ),
+    Entry(
+        "leakage",
+        FLOWS,
+        "flows.leakage:Leakage",
+        "Leakage test: what flows through the aortic test section, closed by a plate, under 100 mmHg.",
+        former=("plug",),
+    ),
+    Entry(
+        "compression",
+        IMMERSED,
+        "immersed.compression:Compression",
+        "Benchmark E.1: a block compressed by a load, immersed, against the incompressible statics.",
+    ),
+    Entry(
+        "torsion",
+        IMMERSED,
+        "immersed.torsion:Torsion",
+        "Benchmark E.2: torsion of a column, immersed; finer grids are 1.5, 2, 3 and 4 times the first.",
+    ),
+    Entry(
+        "cook",
+        IMMERSED,
+        "immersed.cook:Cook",
+        "Cook's membrane, immersed, against the incompressible statics of the same run.",
+    ),
+    Entry(
+        "shell",
+        IMMERSED,
+        "immersed.shell:Shell",
+        "A thick shell and a closed membrane at rest: pressure and spurious velocity against closed forms.",
+    ),
+    Entry(
+        "sphere-in-cavity",
+        IMMERSED,
+        "immersed.cavity_solids:SphereInCavity",
+        "A soft sphere in a lid-driven cavity: volume kept, and the speed of a coupled step.",
+    ),
+    Entry(
+        "disk-in-cavity",
+        IMMERSED,
+        "immersed.cavity_solids:DiskInCavity",
+        "A soft disk in a lid-driven cavity: path and area on several grids; where its nodes are drawn apart it leaks.",
+    ),
+    Entry(
+        "valve-2d",
+        IMMERSED,
+        "immersed.valve_2d:Valve2D",
+        "Two leaflets bent by a pulsating inflow, against the tips' displacements of other codes.",
+    ),
+    Entry(
+        "turek-fsi",
+        IMMERSED,
+        "immersed.turek:TurekFsi",
+        "A flag that swings behind a cylinder (Turek and Hron 2006): displacement of its tip, drag and lift.",
     ),
     Entry(
         "statics-compression",
@@ -97,6 +158,18 @@ ENTRIES = (
         STATICS,
         "statics.land:Land",
         "Land et al. 2015, cardiac mechanics: beam, inflation, contraction.",
+    ),
+    Entry(
+        "kernels",
+        STUDIES,
+        "studies.kernels:Kernels",
+        "Every kernel at several ratios of mesh to grid, both couplings; goes on where it was interrupted.",
+    ),
+    Entry(
+        "speed",
+        STUDIES,
+        "studies.speed:Speed",
+        "Time a step of the fluid against a pair of cosine transforms of the same grid.",
     ),
 )
 

@@ -69,6 +69,8 @@ class Kind:
 
 def kind_of(hint: Any, default: Any, chosen: Option, flag: str) -> Kind:
     """Return how an option of a type reads: several in a row by commas, repeated ones as a list, None as "off"."""
+    if hint == Mapping[str, int] | None:
+        return Kind(annotation=list[str] | None, default=None, read=lambda texts: _pairs(texts or (), flag))
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple:
         text = (
@@ -77,8 +79,6 @@ def kind_of(hint: Any, default: Any, chosen: Option, flag: str) -> Kind:
             else ",".join(map(str, default))
         )
         return Kind(annotation=str, default=text, read=lambda value: _several(value, inner[0], chosen, flag))
-    if origin is not None and issubclass(origin, Mapping):
-        return Kind(annotation=list[str] | None, default=None, read=lambda texts: _pairs(texts or (), flag))
     if origin is not None and origin is not types.UnionType and issubclass(origin, Sequence):
         items = list[inner[0]] | None  # type: ignore[valid-type]
         return Kind(annotation=items, default=None, read=lambda values: tuple(values) if values else default)

@@ -1,22 +1,24 @@
-"""The aortic test section, shut by a plug: what leaks through it, and through its walls, under a pressure difference.
+"""Leakage test of the aortic test section: what flows through it, closed by a plate, under a pressure difference.
 
-The plug stands in the inflow tract, where the section is closed by its valve in diastole; the pressure acts from the
+The plate stands in the inflow tract, where the section is closed by its valve in diastole; the pressure acts from the
 outflow side, so that the walls of the sinuses bear it too. The springs that hold the surface yield at first; what
 flows after that leaks between the points and through the kernel.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.benchmarks.parameters import read_parameters
-from valvefsi.benchmarks.results import environment, row, write_result
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
+from valvefsi.benchmarks.options import Parameters, Values
+from valvefsi.benchmarks.results import row
+from valvefsi.benchmarks.running import completed
 from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.coupling.kernels import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
@@ -24,12 +26,13 @@ from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, Disk, Mixed, Open
 from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.geometry.aortic_section import AorticSection, joined, plug
-from valvefsi.grid import Array, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.run.recording import Output
+from valvefsi.run.schedule import Schedule
+from valvefsi.run.simulation import Simulation
 from valvefsi.units import MMHG
 
-Progress = Callable[[int, float, float, dict[str, float]], None]
-
-PARAMETERS = {
+PARAMETERS: Parameters = {
     "h": (0.1, "cm"),
     "pressure": (100.0 * MMHG, "dyn/cm^2"),
     "viscosity": (0.035, "dyn*s/cm^2"),
@@ -47,20 +50,102 @@ ASKED = 0.1
 """What a section that is called tight may leak at 100 mmHg and h = 1 mm [cm^3/s]."""
 
 
-def build(parameters: dict[str, float | str], comm: MPI.Comm) -> fsi.Model:
-    """Return the section with its plug in a box, the pressure on the disk where the fluid leaves in systole.
+@dataclass(frozen=True)
+class Outflow:
+    """Sees what flows out of the box where the section begins."""
+
+    model: fsi.Model
+    columns = ("leak_ml_s",)
+
+    def row(self, state: fsi.State) -> dict[str, float]:
+        """Return the flow [cm^3/s] (collective)."""
+        return {"leak_ml_s": float(self.model.fluid.boundary.outflow(state.u, "z_lower"))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leakage(Benchmark[float, None]):
+    """The closed section; the leak is the size of the mean flow over the last quarter of the run."""
+
+    name = "leakage"
+    resumable = True
+    parameters = PARAMETERS
+
+    def check(self, values: Values) -> None:
+        """Refuse springs that are stronger than an explicit step carries."""
+        if values["hold"] > 1.0:
+            message = "expected a part of the explicit limit, at most 1"
+            raise CaseError(message, file="--set", key="hold", value=values["hold"])
+
+    def runs(self) -> list[float]:
+        """Return the spacing."""
+        return [self.values["h"]]
+
+    def simulation(self, folder: Path, comm: MPI.Comm) -> Simulation:
+        """Return the simulation (collective)."""
+        model, dt = build(self.values, comm), self.values["dt"]
+        steps = max(8, round(self.values["t_end"] / dt))
+        output = Output(
+            directory=folder,
+            history_every=1,
+            checkpoint_wall_s=600.0,
+            observers=(Outflow(model),),
+            provenance=self.values,
+        )
+        return Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=np.inf), output)
+
+    def one(self, run: float, job: Job) -> Record:
+        """Run the section and read off the leak."""
+        simulation = self.simulation(job.folder, job.comm)
+        h, model = completed(simulation, job), simulation.model
+        t, flow = h["t_s"][1:], h["leak_ml_s"][1:]
+        late = flow[-max(1, round(LATE * len(flow))) :]
+        return {
+            "size": {"cells": list(model.grid.cells), "points": model.bodies[0].num_points},
+            "steps": len(flow),
+            "leak": abs(float(late.mean())),
+            "swing": float(0.5 * np.ptp(late)),
+            "largest": float(np.abs(flow).max()),
+            "_flow": (t, flow),
+        }
+
+    def report(self, records: Sequence[Record], known: None) -> Report:
+        """Return the leak, the swing about it and the largest flow."""
+        (r,) = records
+        asked: tuple[str | None, str] = (None, "")
+        if self.published("h", "pressure"):
+            asked = (f"below {ASKED}", "what is asked at 100 mmHg and h = 1 mm")
+        return Report(
+            parameters=self.values,
+            quantities={"leak_ml_s": r["leak"]},
+            more={"size": r["size"]},
+            table=[
+                row("leak, mean of the last quarter", r["leak"], *asked, unit="ml/s"),
+                row("swing about it", r["swing"], unit="ml/s"),
+                row("largest flow while the springs yield", r["largest"], unit="ml/s"),
+            ],
+            timing={"steps": r["steps"]},
+        )
+
+    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+        """Draw the leak over time."""
+        from valvefsi.post.plots.decay import leak
+
+        v = self.values
+        what = "with sinuses" if v["sinuses"] == "yes" else "without sinuses"
+        case = f"h = {10 * v['h']:.3g} mm, {v['pressure'] / MMHG:.4g} mmHg"
+        leak(out / "leak.png", *records[0]["_flow"], LATE, title=f"Closed test section {what}, {case}")
+
+
+def build(parameters: Values, comm: MPI.Comm) -> fsi.Model:
+    """Return the section with its plate in a box, the pressure on the disk where the fluid leaves in systole.
 
     Raises:
-        CaseError: The springs would be stronger than an explicit step carries.
+        CaseError: The step is longer than the viscosity allows.
 
     Note:
         Collective.
     """
     h, dt, hold = parameters["h"], parameters["dt"], parameters["hold"]
-    if hold > 1.0:
-        raise CaseError(
-            "expected a part of the explicit limit, at most 1", file="--set", key="hold", value=hold
-        )
     depth = {"yes": 0.5, "no": 0.0}[parameters["sinuses"]]
     section = AorticSection(sinus_depth=depth)
     outlet, inlet = section.outlet_radius, section.inlet_radius
@@ -84,77 +169,3 @@ def build(parameters: dict[str, float | str], comm: MPI.Comm) -> fsi.Model:
     springs = {"stiffness": share / dt**2, "damping": share / dt}
     rigid = RigidSurface(surface.points, surface.areas, coupling, name="section", **springs)
     return fsi.Model(grid=grid, fluid=fluid, bodies=(rigid,))
-
-
-def run(
-    *,
-    out: Path = Path("results/plug"),
-    overrides: Sequence[str] = (),
-    comm: MPI.Comm = MPI.COMM_WORLD,
-    progress: Progress | None = None,
-) -> dict[str, object]:
-    """Run the shut section; write ``result.json``, ``leak.csv`` and ``leak.png``.
-
-    Args:
-        out: Folder of the results.
-        overrides: Parameters as ``key=value``.
-        comm: Communicator.
-        progress: Called every hundred steps.
-
-    Returns:
-        The contents of ``result.json``; the leak is the size of the mean flow over the last quarter of the run.
-
-    Raises:
-        CaseError: An override is not one.
-
-    Note:
-        Collective.
-    """
-    parameters, started = read_parameters(PARAMETERS, overrides), time.perf_counter()
-    model, dt = build(parameters, comm), parameters["dt"]
-    state, steps = fsi.initial_state(model, dt), max(8, round(parameters["t_end"] / dt))
-    flow = np.zeros(steps)
-    for k in range(steps):
-        state = fsi.step(model, state, dt)
-        flow[k] = model.fluid.boundary.outflow(state.u, "z_lower")
-        if progress is not None and ((k + 1) % 100 == 0 or k + 1 == steps):
-            progress(k + 1, state.t, steps * dt, {"leak_ml_s": float(flow[k])})
-    result = _result(parameters, model, flow, comm) | {
-        "timing": {"wall_s": time.perf_counter() - started, "steps": steps},
-        "environment": environment(comm),
-    }
-    write_result(out, result, comm)
-    if comm.rank == 0:
-        _files(Path(out), parameters, dt * np.arange(1, steps + 1), flow)
-    comm.barrier()
-    return result
-
-
-def _result(parameters: dict, model: fsi.Model, flow: Array, comm: MPI.Comm) -> dict[str, object]:
-    late = flow[-max(1, round(LATE * len(flow))) :]
-    leak, points = abs(float(late.mean())), comm.allreduce(len(model.bodies[0].X))
-    standard = parameters["h"] == PARAMETERS["h"][0] and parameters["pressure"] == PARAMETERS["pressure"][0]
-    asked = (f"below {ASKED}", "what is asked at 100 mmHg and h = 1 mm") if standard else (None, "")
-    table = [
-        row("leak, mean of the last quarter", leak, *asked, unit="ml/s"),
-        row("swing about it", float(0.5 * np.ptp(late)), unit="ml/s"),
-        row("largest flow while the springs yield", float(np.abs(flow).max()), unit="ml/s"),
-    ]
-    return {
-        "benchmark": "plug",
-        "parameters": parameters,
-        "size": {"cells": list(model.grid.cells), "points": points},
-        "quantities": {"leak_ml_s": leak},
-        "table": table,
-    }
-
-
-def _files(out: Path, parameters: dict, t: Array, flow: Array) -> None:
-    from valvefsi.post.plots.decay import leak
-
-    np.savetxt(
-        out / "leak.csv", np.stack([t, flow], axis=1), delimiter=",", header="t_s,leak_ml_s", comments=""
-    )
-    what = "with sinuses" if parameters["sinuses"] == "yes" else "without sinuses"
-    title = f"Shut test section {what}, h = {10 * parameters['h']:.3g} mm, {parameters['pressure'] / MMHG:.4g} mmHg"
-    leak(out / "leak.png", t, flow, LATE, title=title)

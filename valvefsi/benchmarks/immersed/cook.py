@@ -11,21 +11,24 @@ between the nodes: the membrane yields without end. Elements of half a spacing h
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks import statics_cook
-from valvefsi.benchmarks.immersed import Numerics, Problem, immersed_model, late_mean, late_size
-from valvefsi.benchmarks.immersed_study import Setup, Study, run_study
+from valvefsi.benchmarks.immersed.numerics import Numerics, immersed_model
+from valvefsi.benchmarks.immersed.study import Compared, GridStudy
+from valvefsi.benchmarks.options import option
+from valvefsi.benchmarks.running import History, late_mean, late_size
+from valvefsi.benchmarks.statics.cook import band
+from valvefsi.benchmarks.statics.cook import solve as solve_statics
+from valvefsi.benchmarks.statics.study import Mesh
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.geometry.benchmark_shapes import COOK, cook_membrane
 from valvefsi.grid import MacGrid
 from valvefsi.run.recording import Output, Probe
 from valvefsi.run.schedule import Schedule
-from valvefsi.run.simulation import Progress, Simulation
+from valvefsi.run.simulation import Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure
@@ -52,78 +55,62 @@ def elements(numerics: Numerics) -> int:
     return max(2, round((4.8 * 3.0) ** 0.5 / size))
 
 
-def simulation(numerics: Numerics, values: Mapping[str, float], folder: Path, comm: MPI.Comm) -> Simulation:
-    """Return the simulation of one membrane (collective)."""
-    n = numerics.grid
-    mesh = cook_membrane(comm, elements=elements(numerics))
-    load = DeadLoad(
-        on=("right",),
-        traction=(0.0, values["traction"]),
-        ramp=Ramp(duration=RAMP * values["t_end"], shape="smooth"),
+@dataclass(frozen=True, kw_only=True)
+class Cook(GridStudy):
+    """The membrane on one or several grids."""
+
+    name = "cook"
+    title = "Cook's membrane, immersed"
+    parameters = PARAMETERS
+    main = Compared(column="u_y_corner_cm", key="u_y_corner_cm", label="u_y of the corner", unit="cm")
+    change = Compared(
+        column="membrane_area_change_percent", key="change_percent", label="area change", unit="%"
     )
-    solid = Structure(
-        mesh,
-        NeoHookean(c1=values["c1"]),
-        name="membrane",
-        nu_stab=numerics.nu_stab,
-        discretisation=Discretisation(kernel=numerics.kernel),
-        damping=values["damping"],
-        tethers=[Tether(on=("left",), stiffness=values["tether_stiffness"])],
-        loads=[load],
-    )
-    grid = MacGrid(SHIFT, [s + BOX for s in SHIFT], [n, n], [False, False], comm)
-    model = immersed_model(grid, Boundary(grid), solid, numerics, values)
-    steps = round(values["t_end"] * n / (values["dt_per_h"] * BOX))
-    probe = Probe(name="corner", body=0, at=COOK[2])
-    output = Output(directory=folder, history_every=max(1, steps // 300), probes=(probe,))
-    return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
 
+    grid: int = option(25, "Cells along the box.", least=4)
 
-def quantities(history: Mapping[str, np.ndarray], values: Mapping[str, float]) -> dict[str, float]:
-    """Return the means over the end of a run."""
-    return {
-        "u_y_corner_cm": late_mean(history, "u_y_corner_cm"),
-        "change_percent": late_size(history, "membrane_area_change_percent"),
-        "J_min": float(history["membrane_J_min"].min()),
-        "J_max": float(history["membrane_J_max"].max()),
-    }
+    def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
+        """Return the simulation of one membrane (collective)."""
+        n, values = numerics.grid, self.values
+        load = DeadLoad(
+            on=("right",),
+            traction=(0.0, values["traction"]),
+            ramp=Ramp(duration=RAMP * values["t_end"], shape="smooth"),
+        )
+        solid = Structure(
+            cook_membrane(comm, elements=elements(numerics)),
+            NeoHookean(c1=values["c1"]),
+            name="membrane",
+            nu_stab=numerics.nu_stab,
+            discretisation=Discretisation(kernel=numerics.kernel),
+            damping=values["damping"],
+            tethers=[Tether(on=("left",), stiffness=values["tether_stiffness"])],
+            loads=[load],
+        )
+        grid = MacGrid(SHIFT, [s + BOX for s in SHIFT], [n, n], [False, False], comm)
+        model = immersed_model(grid, Boundary(grid), solid, numerics, values)
+        steps = round(values["t_end"] * n / (values["dt_per_h"] * BOX))
+        probe = Probe(name="corner", body=0, at=COOK[2])
+        output = Output(directory=folder, history_every=max(1, steps // 300), probes=(probe,))
+        return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
 
+    def quantities(self, history: History) -> dict[str, float]:
+        """Return the means over the end of a run."""
+        return {
+            "u_y_corner_cm": late_mean(history, "u_y_corner_cm"),
+            "change_percent": late_size(history, "membrane_area_change_percent"),
+            "J_min": float(history["membrane_J_min"].min()),
+            "J_max": float(history["membrane_J_max"].max()),
+        }
 
-PROBLEM = Problem(name="cook", simulation=simulation, quantities=quantities)
+    def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
+        """Return the value of mixed elements."""
+        static = {"traction": self.values["traction"], "c1": self.values["c1"], "scale": 1.0}
+        answer = solve_statics(static, Mesh(cell="quadrilateral", elements=FINE), comm)
+        return answer.values["u_y_corner_cm"], f"mixed u-p statics, {FINE} x {FINE}, this run"
 
-
-def reference(values: Mapping[str, float], numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-    """Return the incompressible value, mixed elements (collective)."""
-    static = {"traction": values["traction"], "c1": values["c1"], "scale": 1.0}
-    answer = statics_cook.solve(static, "quadrilateral", FINE, comm)
-    return answer.values["u_y_corner_cm"], f"mixed u-p statics, {FINE} x {FINE}, this run"
-
-
-def elsewhere(values: Mapping[str, float]) -> list[tuple[str, str]]:
-    """Return the published band, where the parameters are the published ones."""
-    low, high = statics_cook.BAND
-    same = all(values[key] == PARAMETERS[key][0] for key in ("traction", "c1"))
-    return [(f"{low} ... {high}", "immersed, over kernels; second-hand")] if same else []
-
-
-STUDY = Study(
-    problem=PROBLEM,
-    parameters=PARAMETERS,
-    main=("u_y_corner_cm", "u_y of the corner", "cm"),
-    change=("membrane_area_change_percent", "area change"),
-    reference=reference,
-    column="u_y_corner_cm",
-    title="Cook's membrane, immersed",
-    more=elsewhere,
-)
-
-
-def run(
-    setup: Setup,
-    *,
-    out: Path,
-    comm: MPI.Comm = MPI.COMM_WORLD,
-    progress: Callable[[str], Progress | None] | None = None,
-) -> dict[str, object]:
-    """Run the benchmark; see `immersed_study.run_study` (collective)."""
-    return run_study(STUDY, setup, out=out, comm=comm, progress=progress)
+    def elsewhere(self) -> list[tuple[float | str, str]]:
+        """Return the published band, where the parameters are the published ones."""
+        low, high = band()
+        source = "immersed, over kernels; second-hand"
+        return [(f"{low} ... {high}", source)] if self.published("traction", "c1") else []

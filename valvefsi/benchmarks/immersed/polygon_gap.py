@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from valvefsi.grid import Array
+from valvefsi.types import Array
 
 
 def gap(a: Array, b: Array) -> float:

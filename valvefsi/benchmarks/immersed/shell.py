@@ -11,27 +11,31 @@ error. With r from the centre and the mean of p zero,
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.benchmarks.immersed import Numerics, couple
-from valvefsi.benchmarks.immersed_study import order_of
-from valvefsi.benchmarks.parameters import read_parameters
-from valvefsi.benchmarks.results import environment, row, write_result
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
+from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, couple
+from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.results import Row, row
 from valvefsi.bodies.elastic import Elastic
+from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.geometry.blocks import ring
-from valvefsi.grid import Array, MacGrid
+from valvefsi.grid import MacGrid
 from valvefsi.solid.materials.fibres import circumferential
 from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.types import Array
+from valvefsi.verification.convergence import observed_order, ratios_of
+from valvefsi.verification.norms import error_norms
 
 PARAMETERS = {
     "radius": (0.25, "cm"),
@@ -59,7 +63,7 @@ class FibreTension:
         """Stiffness that limits the step [dyn/cm^2]."""
         return self.mu_s
 
-    def energy(self, kinematics: object) -> object:
+    def energy(self, kinematics: Any) -> Any:
         """Return W [dyn/cm^2]."""
         return self.mu_s / 2 * kinematics.I4("around")
 
@@ -88,27 +92,6 @@ class ClosedMembrane:
         return self.tension * (tangents - np.roll(tangents, 1, axis=0))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Setup:
-    """What is run.
-
-    Attributes:
-        grid: Cells along the box on the coarsest grid.
-        refine: Number of finer grids, each with half the spacing.
-        kernels: Names of the kernels.
-        couplings: "nodal", "elemental" or "lumped", of the shell; the membrane is nodal.
-        ratio: Element size over grid spacing.
-        overrides: ``key=value``, names in `PARAMETERS`.
-    """
-
-    grid: int = 32
-    refine: int = 2
-    kernels: Sequence[str] = ("bspline3",)
-    couplings: Sequence[str] = ("nodal",)
-    ratio: float = 0.5
-    overrides: Sequence[str] = ()
-
-
 def exact_pressure(r: Array, radius: float, wall: float) -> Array:
     """Return the pressure of the shell at distances r from its centre [dyn/cm^2]."""
     outer = radius + wall
@@ -116,42 +99,115 @@ def exact_pressure(r: Array, radius: float, wall: float) -> Array:
     return np.log(outer / np.clip(r, radius, outer)) - C
 
 
-def run(
-    setup: Setup,
-    *,
-    out: Path,
-    comm: MPI.Comm = MPI.COMM_WORLD,
-    progress: Callable[[str], object] | None = None,
-) -> dict[str, object]:
-    """Run shell and membrane on every grid, with every kernel and coupling; see the module (collective)."""
-    values = read_parameters(PARAMETERS, setup.overrides)
-    grids = [setup.grid * 2**k for k in range(setup.refine + 1)]
-    series, started = {}, time.perf_counter()
-    for kernel in setup.kernels:
-        for coupling in setup.couplings:
-            runs = [
-                Numerics(grid=n, ratio=setup.ratio, kernel=kernel, coupling=coupling, nu_stab=None)
-                for n in grids
+@dataclass(frozen=True, kw_only=True)
+class Series:
+    """One body on one grid: a shell with its numerics, or a membrane, which is nodal."""
+
+    body: str
+    numerics: Numerics
+
+    @property
+    def name(self) -> str:
+        """Name of the series that it belongs to."""
+        n = self.numerics
+        return f"shell, {n.kernel}, {n.coupling}" if self.body == "shell" else f"membrane, {n.kernel}"
+
+    def __str__(self) -> str:
+        return f"{self.name}, N = {self.numerics.grid}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shell(Benchmark[Series, None]):
+    """Shell and membrane on every grid, with every kernel and coupling."""
+
+    name = "shell"
+    parameters = PARAMETERS
+
+    grid: int = option(32, "Cells along each edge of the box.", least=8)
+    refine: int = option(2, "Number of finer grids.", least=0, most=4)
+    kernels: tuple[str, ...] = option(
+        ("bspline3",), "Kernels, or all.", metavar="K,K|all", choices=tuple(KERNELS), everything=True
+    )
+    couplings: tuple[str, ...] = option(("nodal",), "nodal, elemental, lumped; several.", choices=COUPLINGS)
+    ratio: float = 0.5
+
+    def runs(self) -> list[Series]:
+        """Return every body on every grid."""
+        every = []
+        for kernel in self.kernels:
+            kinds = [("shell", coupling) for coupling in self.couplings] + [("membrane", "nodal")]
+            for body, coupling in kinds:
+                shared = {"ratio": self.ratio, "kernel": kernel, "coupling": coupling, "nu_stab": None}
+                grids = refined(self.grid, self.refine)
+                every += [Series(body=body, numerics=Numerics(grid=n, **shared)) for n in grids]  # type: ignore[arg-type]
+        return every
+
+    def one(self, run: Series, job: Job) -> Record:
+        """Run one body on one grid."""
+        measure = shell_at_rest if run.body == "shell" else membrane_at_rest
+        found = measure(run.numerics, self.values, job.comm)
+        return {"series": run.name, "grid": run.numerics.grid, "quantities": found}
+
+    def report(self, records: Sequence[Record], known: None) -> Report:
+        """Return errors, spurious velocities and their orders."""
+        series, table = _by_series(records), []
+        for name, runs in series.items():
+            table += [line for run in runs for line in self._lines(name, run)]
+            q = [run["quantities"] for run in runs]
+            ratios = ratios_of([run["grid"] for run in runs])
+            for key, label in (("p_L1", "L1 error of p"), ("p_L2", "L2 error of p"), ("u_max", "velocity")):
+                order = observed_order([one[key] for one in q], ratios, exact=0.0) if key in q[0] else None
+                if order is not None:
+                    table.append(row(f"  observed order, {label}", order, source=name))
+        return Report(
+            parameters=self.values | {"grids": refined(self.grid, self.refine), "ratio": self.ratio},
+            quantities={name: [run["quantities"] for run in runs] for name, runs in series.items()},
+            reference={"p": "closed form", "jump": 1.0 / self.values["radius"], "u": 0.0},
+            table=table,
+        )
+
+    def _lines(self, name: str, run: Record) -> list[Row]:
+        q, n = run["quantities"], run["grid"]
+        if "jump" in q:
+            exact = 1.0 / self.values["radius"]
+            line = row(f"jump of p, {name}, N = {n}", q["jump"], exact, "tension / R")
+        else:
+            line = row(f"L2 error of p, {name}, N = {n}", q["p_L2"], source=f"largest {q['p_max']:.2e}")
+        return [line, row("  spurious velocity", q["u_max"], source="exact 0", unit="cm/s")]
+
+    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+        """Draw errors and spurious velocities over the grids."""
+        from valvefsi.post.plots.immersed import Line, Panel, panels
+
+        def panel(kind: str, key: str, label: str) -> Panel:
+            chosen = {n: runs for n, runs in _by_series(records).items() if n.startswith(kind)}
+            lines = [
+                Line(
+                    label=name.removeprefix(f"{kind}, "),
+                    x=[run["grid"] for run in runs],
+                    y=[run["quantities"][key] for run in runs],
+                    colour=k,
+                    style=("o-", "s--", "^:")[k // 6 % 3],
+                )
+                for k, (name, runs) in enumerate(chosen.items())
             ]
-            series[f"shell, {kernel}, {coupling}"] = [shell_at_rest(run, values, comm) for run in runs]
-        series[f"membrane, {kernel}"] = [_membrane(kernel, n, setup.ratio, values, comm) for n in grids]
-    result = {
-        "benchmark": "shell",
-        "parameters": dict(values) | {"grids": grids, "ratio": setup.ratio},
-        "quantities": series,
-        "reference": {"p": "closed form", "jump": 1.0 / values["radius"], "u": 0.0},
-        "table": _table(series, grids, values),
-        "timing": {"wall_s": time.perf_counter() - started},
-        "environment": environment(comm),
-    }
-    write_result(out, result, comm)
-    if comm.rank == 0:
-        _draw(series, grids, Path(out) / "shell.png")
-    comm.barrier()
-    return result
+            return Panel(lines=lines, xlabel="cells N", ylabel=f"{kind}: {label}", log="xy")
+
+        shown = [
+            panel("shell", "p_L2", "L2 error of p [dyn/cm$^2$]"),
+            panel("shell", "u_max", "largest |u| [cm/s]"),
+            panel("membrane", "u_max", "largest |u| [cm/s]"),
+        ]
+        caption = "exact: closed-form pressure, no flow"
+        panels(out / "shell.png", shown, title="Shell and membrane at rest", caption=caption)
 
 
-def _relax(model: fsi.Model, n: int, values: Mapping[str, float]) -> fsi.State:
+def _by_series(records: Sequence[Record]) -> dict[str, list[Record]]:
+    names = dict.fromkeys(record["series"] for record in records)
+    return {name: [record for record in records if record["series"] == name] for name in names}
+
+
+def _relax(model: fsi.Model, n: int, values: Values) -> fsi.State:
     """Run from rest to the end."""
     steps = max(1, round(values["t_end"] * n / values["dt_per_h"]))
     dt = values["t_end"] / steps
@@ -161,7 +217,7 @@ def _relax(model: fsi.Model, n: int, values: Mapping[str, float]) -> fsi.State:
     return state
 
 
-def _box(n: int, values: Mapping[str, float], comm: MPI.Comm) -> tuple[MacGrid, NavierStokes]:
+def _box(n: int, values: Values, comm: MPI.Comm) -> tuple[MacGrid, NavierStokes]:
     grid = MacGrid([0, 0], [1, 1], [n, n], [False, False], comm)
     return grid, NavierStokes(grid, Boundary(grid), rho=values["rho"], mu=values["mu"])
 
@@ -180,7 +236,7 @@ def _fastest(grid: MacGrid, state: fsi.State) -> float:
     return float(grid.comm.allreduce(local, op=MPI.MAX))
 
 
-def shell_at_rest(numerics: Numerics, values: Mapping[str, float], comm: MPI.Comm) -> dict[str, float]:
+def shell_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[str, float]:
     """Return errors of p and the spurious velocity of the shell on one grid (collective)."""
     n, radius, wall = numerics.grid, values["radius"], values["wall"]
     size = numerics.ratio / n
@@ -194,83 +250,25 @@ def shell_at_rest(numerics: Numerics, values: Mapping[str, float], comm: MPI.Com
     model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, couple(fluid, solid, numerics)),))
     state = _relax(model, n, values)
     r, p = _in_cells(grid, state)
-    error = np.abs(p - exact_pressure(r, radius, wall))
+    error = error_norms(p - exact_pressure(r, radius, wall), comm)
     return {
-        "p_L1": comm.allreduce(error.sum()) / n**2,
-        "p_L2": math.sqrt(comm.allreduce((error**2).sum()) / n**2),
-        "p_max": comm.allreduce(error.max(initial=0.0), op=MPI.MAX),
+        "p_L1": error.L1,
+        "p_L2": error.L2,
+        "p_max": error.largest,
         "u_max": _fastest(grid, state),
         "area_change_percent": 100.0 * (solid.volume(state.bodies[0]["chi"]) / solid.reference_volume - 1.0),
     }
 
 
-def _membrane(
-    kernel: str, n: int, ratio: float, values: Mapping[str, float], comm: MPI.Comm
-) -> dict[str, float]:
+def membrane_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[str, float]:
     """Return the pressure jump and the spurious velocity of the membrane on one grid (collective)."""
+    n, radius = numerics.grid, values["radius"]
     grid, fluid = _box(n, values, comm)
-    radius = values["radius"]
-    body = ClosedMembrane(comm, radius, round(2 * math.pi * radius * n / ratio))
-    model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(body, Coupling(grid, kernel)),))
+    body: Any = ClosedMembrane(comm, radius, round(2 * math.pi * radius * n / numerics.ratio))
+    model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(body, Coupling(grid, numerics.kernel)),))
     state = _relax(model, n, values)
     r, p = _in_cells(grid, state)
     margin = 4.0 / n
     parts = [p[r < radius - margin], p[r > radius + margin]]
     inside, outside = (comm.allreduce(q.sum()) / comm.allreduce(q.size) for q in parts)
     return {"jump": inside - outside, "u_max": _fastest(grid, state)}
-
-
-def _table(
-    series: Mapping[str, Sequence[Mapping]], grids: Sequence[int], values: Mapping[str, float]
-) -> list[dict]:
-    lines = []
-    for name, runs in series.items():
-        for n, q in zip(grids, runs, strict=True):
-            if "jump" in q:
-                exact = 1.0 / values["radius"]
-                lines.append(row(f"jump of p, {name}, N = {n}", q["jump"], exact, "tension / R"))
-            else:
-                lines.append(
-                    row(f"L2 error of p, {name}, N = {n}", q["p_L2"], source=f"largest {q['p_max']:.2e}")
-                )
-            lines.append(row("  spurious velocity", q["u_max"], source="exact 0", unit="cm/s"))
-        for key, label in (("p_L1", "L1 error of p"), ("p_L2", "L2 error of p"), ("u_max", "velocity")):
-            if key in runs[0]:
-                order = order_of([q[key] for q in runs], grids)
-                if order is not None:
-                    lines.append(row(f"  observed order, {label}", order, source=name))
-    return lines
-
-
-def _draw(series: Mapping[str, Sequence[Mapping]], grids: Sequence[int], path: Path) -> None:
-    from valvefsi.post.plots.immersed import Line, Panel, panels
-
-    def lines(kind: str, key: str) -> list[Line]:
-        chosen = [(name, runs) for name, runs in series.items() if name.startswith(kind)]
-        return [
-            Line(
-                label=name.removeprefix(f"{kind}, "),
-                x=grids,
-                y=[q[key] for q in runs],
-                colour=k,
-                style=("o-", "s--", "^:")[k // 6 % 3],
-            )
-            for k, (name, runs) in enumerate(chosen)
-        ]
-
-    shown = [
-        Panel(
-            lines=lines("shell", "p_L2"),
-            xlabel="cells N",
-            ylabel="shell: L2 error of p [dyn/cm$^2$]",
-            log="xy",
-        ),
-        Panel(lines=lines("shell", "u_max"), xlabel="cells N", ylabel="shell: largest |u| [cm/s]", log="xy"),
-        Panel(
-            lines=lines("membrane", "u_max"),
-            xlabel="cells N",
-            ylabel="membrane: largest |u| [cm/s]",
-            log="xy",
-        ),
-    ]
-    panels(path, shown, title="Shell and membrane at rest", caption="exact: closed-form pressure, no flow")

@@ -15,21 +15,23 @@ interpolated velocity is solenoidal, this is all that the mesh loses, also witho
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks import statics_torsion
-from valvefsi.benchmarks.immersed import Numerics, Problem, immersed_model, late_mean, late_size
-from valvefsi.benchmarks.immersed_study import Setup, Study, run_study
+from valvefsi.benchmarks.immersed.numerics import Numerics, immersed_model
+from valvefsi.benchmarks.immersed.study import Compared, GridStudy
+from valvefsi.benchmarks.options import option
+from valvefsi.benchmarks.running import History, late_mean, late_size
+from valvefsi.benchmarks.statics.torsion import computed
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.geometry.shapes import box
 from valvefsi.grid import MacGrid
 from valvefsi.run.recording import Output, Probe
 from valvefsi.run.schedule import Schedule
-from valvefsi.run.simulation import Progress, Simulation
+from valvefsi.run.simulation import Simulation
 from valvefsi.solid import statics
 from valvefsi.solid.loads import Ramp, Tether
 from valvefsi.solid.materials import MooneyRivlin
@@ -56,92 +58,76 @@ STATIC = 2
 """Hexahedra across the column in the static solution, where the parameters are not the published ones."""
 
 
-def simulation(numerics: Numerics, values: Mapping[str, float], folder: Path, comm: MPI.Comm) -> Simulation:
-    """Return the simulation of one column; ``numerics.grid`` counts cells along the box's width (collective)."""
-    n = numerics.grid
-    h = WIDTH / n
-    across = max(2, 2 * round(0.5 / (numerics.ratio * h)))
-    mesh = box(comm, size=(1.0, 6.0, 1.0), elements=(across, 6 * across, across))
-    turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
-    ramp = Ramp(duration=RAMP * values["t_end"], shape="smooth")
-    stiffness = values["tether_stiffness"]
-    solid = Structure(
-        mesh,
-        MooneyRivlin(c1=values["c1"], c2=values["c2"]),
-        name="column",
-        nu_stab=numerics.nu_stab,
-        discretisation=Discretisation(kernel=numerics.kernel),
-        damping=values["damping"],
-        tethers=[
-            Tether(on=("y_lower",), stiffness=stiffness),
-            MovingTether(on=("y_upper",), components=("x", "z"), stiffness=stiffness, motion=turn, ramp=ramp),
-        ],
+@dataclass(frozen=True, kw_only=True)
+class Torsion(GridStudy):
+    """The column on one or several grids; ``grid`` counts cells along the box's width."""
+
+    name = "torsion"
+    title = "Torsion of a column (E.2), immersed"
+    parameters = PARAMETERS
+    main = Compared(
+        column="u_y_top_centre_cm", key="u_y_top_centre_cm", label="u_y of the top centre", unit="cm"
     )
-    lower = (0.5 - WIDTH / 2, 3.0 - HEIGHT / 2, 0.5 - WIDTH / 2)
-    upper = (0.5 + WIDTH / 2, 3.0 + HEIGHT / 2, 0.5 + WIDTH / 2)
-    grid = MacGrid(lower, upper, (n, 3 * n, n), (False,) * 3, comm)
-    model = immersed_model(grid, Boundary(grid), solid, numerics, values)
-    steps = round(values["t_end"] / (values["dt_per_h"] * h))
-    output = Output(
-        directory=folder,
-        history_every=max(1, steps // 200),
-        probes=(Probe(name="top_centre", body=0, at=TOP),),
+    change = Compared(
+        column="column_volume_change_percent", key="change_percent", label="volume change", unit="%"
     )
-    return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
+    factors = (1.0, 1.5, 2.0, 3.0, 4.0)
 
+    grid: int = option(12, "Cells along the box's width.", least=4)
 
-def quantities(history: Mapping[str, np.ndarray], values: Mapping[str, float]) -> dict[str, float]:
-    """Return the means over the end of a run."""
-    return {
-        "u_y_top_centre_cm": late_mean(history, "u_y_top_centre_cm"),
-        "change_percent": late_size(history, "column_volume_change_percent"),
-        "largest_change_percent": float(np.abs(history["column_volume_change_percent"]).max()),
-        "J_min": float(history["column_J_min"].min()),
-        "J_max": float(history["column_J_max"].max()),
-    }
+    def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
+        """Return the simulation of one column (collective)."""
+        n, values = numerics.grid, self.values
+        h = WIDTH / n
+        across = max(2, 2 * round(0.5 / (numerics.ratio * h)))
+        turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
+        ramp = Ramp(duration=RAMP * values["t_end"], shape="smooth")
+        stiffness, top = values["tether_stiffness"], ("x", "z")
+        solid = Structure(
+            box(comm, size=(1.0, 6.0, 1.0), elements=(across, 6 * across, across)),
+            MooneyRivlin(c1=values["c1"], c2=values["c2"]),
+            name="column",
+            nu_stab=numerics.nu_stab,
+            discretisation=Discretisation(kernel=numerics.kernel),
+            damping=values["damping"],
+            tethers=[
+                Tether(on=("y_lower",), stiffness=stiffness),
+                MovingTether(on=("y_upper",), components=top, stiffness=stiffness, motion=turn, ramp=ramp),
+            ],
+        )
+        lower = (0.5 - WIDTH / 2, 3.0 - HEIGHT / 2, 0.5 - WIDTH / 2)
+        upper = (0.5 + WIDTH / 2, 3.0 + HEIGHT / 2, 0.5 + WIDTH / 2)
+        grid = MacGrid(lower, upper, (n, 3 * n, n), (False,) * 3, comm)
+        model = immersed_model(grid, Boundary(grid), solid, numerics, values)
+        steps = round(values["t_end"] / (values["dt_per_h"] * h))
+        probe = Probe(name="top_centre", body=0, at=TOP)
+        output = Output(directory=folder, history_every=max(1, steps // 200), probes=(probe,))
+        return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
 
+    def quantities(self, history: History) -> dict[str, float]:
+        """Return the means over the end of a run."""
+        return {
+            "u_y_top_centre_cm": late_mean(history, "u_y_top_centre_cm"),
+            "change_percent": late_size(history, "column_volume_change_percent"),
+            "largest_change_percent": float(np.abs(history["column_volume_change_percent"]).max()),
+            "J_min": float(history["column_J_min"].min()),
+            "J_max": float(history["column_J_max"].max()),
+        }
 
-PROBLEM = Problem(name="torsion", simulation=simulation, quantities=quantities)
-
-
-def reference(values: Mapping[str, float], numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-    """Return the incompressible displacement: the one known, or that of a static solution (collective)."""
-    known = dict(zip(statics_torsion.FRACTIONS, statics_torsion.COMPUTED, strict=True))
-    part = values["angle"] / (2.5 * math.pi)
-    nearest = min(known, key=lambda p: abs(p - part))
-    same = values["c1"] == values["c2"]  # only their ratio matters
-    if same and abs(nearest - part) < 1e-6:
-        return known[nearest], "mixed Q2-Q1 elements, 4 x 24 x 4"
-    mesh = box(comm, size=(1.0, 6.0, 1.0), elements=(STATIC, 6 * STATIC, STATIC))
-    turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
-    fixed = [
-        statics.Fixed(on=("y_lower",)),
-        statics.Fixed(on=("y_upper",), components=("x", "z"), value=turn),
-    ]
-    material = MooneyRivlin(c1=values["c1"], c2=values["c2"])
-    solution = statics.solve(mesh, material, fixed=fixed)
-    return float(
-        solution.displacement_at(TOP)[1]
-    ), f"mixed Q2-Q1, {STATIC} x {6 * STATIC} x {STATIC}, this run"
-
-
-STUDY = Study(
-    problem=PROBLEM,
-    parameters=PARAMETERS,
-    main=("u_y_top_centre_cm", "u_y of the top centre", "cm"),
-    change=("column_volume_change_percent", "volume change"),
-    reference=reference,
-    column="u_y_top_centre_cm",
-    title="Torsion of a column (E.2), immersed",
-)
-
-
-def run(
-    setup: Setup,
-    *,
-    out: Path,
-    comm: MPI.Comm = MPI.COMM_WORLD,
-    progress: Callable[[str], Progress | None] | None = None,
-) -> dict[str, object]:
-    """Run the benchmark; see `immersed_study.run_study` (collective)."""
-    return run_study(STUDY, setup, out=out, comm=comm, progress=progress)
+    def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
+        """Return the displacement of the reference table, or that of a static solution."""
+        known, values = computed(), self.values
+        part = values["angle"] / (2.5 * math.pi)
+        nearest = min(known, key=lambda p: abs(p - part))
+        same = values["c1"] == values["c2"]  # only their ratio matters
+        if same and abs(nearest - part) < 1e-6:
+            return known[nearest], "mixed Q2-Q1 elements, 4 x 24 x 4"
+        mesh = box(comm, size=(1.0, 6.0, 1.0), elements=(STATIC, 6 * STATIC, STATIC))
+        turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
+        fixed = [
+            statics.Fixed(on=("y_lower",)),
+            statics.Fixed(on=("y_upper",), components=("x", "z"), value=turn),
+        ]
+        solution = statics.solve(mesh, MooneyRivlin(c1=values["c1"], c2=values["c2"]), fixed=fixed)
+        source = f"mixed Q2-Q1, {STATIC} x {6 * STATIC} x {STATIC}, this run"
+        return float(solution.displacement_at(TOP)[1]), source

@@ -17,35 +17,36 @@ Here the flag is immersed, which differs from the published set-up in this:
 - Surfaces are as thick as the kernel: cylinder and flag act larger by a fraction of h, which the drag feels most. The
   flag goes on into the cylinder and is held there by springs: the clamp gives way a little (``clamp_cm``).
 
-The forces are those of the fluid on cylinder and flag, from what holds them and the momentum of the flag,
-F = d/dt (int rho u + momentum of markers) - (springs and dampers), with the integral over the flag: what holds it and
-what the fluid does to its surface together accelerate the flag. Inside the cylinder nothing moves.
+The forces are those of the fluid on cylinder and flag, see `valvefsi.run.forces`.
 """
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.benchmarks.grid_series import refined, run_series
-from valvefsi.benchmarks.parameters import read_parameters
-from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.turek_model import CENTRE, CLAMP, RADIUS, THICKNESS, TIP, build
-from valvefsi.benchmarks.turek_signals import oscillation, whole_periods
+from valvefsi.benchmarks import references
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
+from valvefsi.benchmarks.immersed.turek_model import CENTRE, CLAMP, RADIUS, THICKNESS, TIP, build
+from valvefsi.benchmarks.immersed.turek_signals import oscillation, whole_periods
+from valvefsi.benchmarks.options import Values, changed, option, read_parameters
+from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.running import History, attempt, gathered, plane_of
 from valvefsi.coupling.kernels import KERNELS
-from valvefsi.errors import CaseError, StabilityError
-from valvefsi.grid import Array
-from valvefsi.io.checkpoint import newest_meta
+from valvefsi.errors import CaseError
 from valvefsi.post import diagnostics
-from valvefsi.run.recording import Output, load_state, memory_of, refuse_to_overwrite, save_state
-from valvefsi.runtime.memory import keep_freed_memory
+from valvefsi.run.forces import ForceOutput
+from valvefsi.run.recording import Output, Probe
+from valvefsi.run.schedule import Schedule
+from valvefsi.run.simulation import Simulation
+from valvefsi.types import Array
 
 PARAMETERS = {
     "U": (200.0, "cm/s"),
@@ -70,165 +71,231 @@ CASES = {
     "fsi2": {"U": 100.0, "mu_s": 5e6, "rho_s": 10.0},
     "fsi3": {"U": 200.0, "mu_s": 2e7, "rho_s": 1.0},
 }
-STEADY = (0.0, math.nan)
-PUBLISHED = {
-    "fsi1": {
-        "ux": (0.0227, *STEADY),
-        "uy": (0.8209, *STEADY),
-        "drag": (14.295, *STEADY),
-        "lift": (0.7638, *STEADY),
-    },
-    "fsi2": {
-        "ux": (-14.58, 12.44, 3.8),
-        "uy": (1.23, 80.6, 2.0),
-        "drag": (208.83, 73.75, 3.8),
-        "lift": (0.88, 234.2, 2.0),
-    },
-    "fsi3": {
-        "ux": (-2.69, 2.53, 10.9),
-        "uy": (1.48, 34.38, 5.3),
-        "drag": (457.3, 22.66, 10.9),
-        "lift": (2.22, 149.78, 5.3),
-    },
-}
-"""Mean, amplitude and frequency of the displacement of A [mm] and the forces [N/m]; FSI1 is steady."""
 PERIODS = {"fsi1": 0.5, "fsi2": 0.5, "fsi3": 1.0 / 5.3}
 """Published period of the flag, of FSI1 that of FSI2 [s]."""
 SOURCE = "Turek and Hron 2006"
 REFINEMENT, SAMPLES, SAVED = 1.5, 200, 400
 """Ratio of successive grids, rows of the history in a published period, rows between checkpoints."""
+SIGNALS = {
+    "ux": ("u_x_tip_cm", 10.0),
+    "uy": ("u_y_tip_cm", 10.0),
+    "drag": ("force_x_bodies_dyn_per_cm", 1e-3),
+    "lift": ("force_y_bodies_dyn_per_cm", 1e-3),
+}
+"""Column of each published signal and the factor to mm and N/m."""
+LABELS = (("ux", "ux(A)", "mm"), ("uy", "uy(A)", "mm"), ("drag", "drag", "N/m"), ("lift", "lift", "N/m"))
+PARTS = ("mean", "amplitude", "frequency")
+
+
+def published(case: str) -> dict[str, tuple[float, float, float]]:
+    """Return mean, amplitude and frequency of the displacement of A [mm] and the forces [N/m]; FSI1 is steady."""
+    table = references.read("turek_hron2006")
+    return {
+        signal: (
+            table.value("mean", case=case, signal=signal),
+            table.value("amplitude", case=case, signal=signal),
+            table.value("frequency", case=case, signal=signal),
+        )
+        for signal in SIGNALS
+    }
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Vorticity in the cells ``(nx, ny)`` [1/s] between edges [cm], and the outline of the flag ``(n, 2)`` [cm]."""
+
+    t: float
+    edges: list[Array]
+    vorticity: Array
+    flag: Array
+
+
+@dataclass
+class Watch:
+    """Sees how far the clamp moves, and keeps vorticity and flag at some steps for a picture.
+
+    Attributes:
+        model: The model of `build`.
+        due: Steps at or after which a picture is kept, in order.
+        snapshots: What was kept.
+    """
+
+    model: fsi.Model
+    due: list[int]
+    snapshots: list[Snapshot] = field(default_factory=list)
+    columns = ("clamp_cm", "speed_cm_per_s")
+
+    def row(self, state: fsi.State) -> dict[str, float]:
+        """Return the largest displacement of the clamp and the largest speed (collective)."""
+        flag: Any = self.model.bodies[0]
+        root = flag.X[:, 0] < CLAMP + 1e-6
+        moved = np.linalg.norm((state.bodies[0]["chi"] - flag.X)[root], axis=1).max(initial=0.0)
+        speed, _ = diagnostics.fastest_place(self.model.grid, state.u)
+        if self.due and state.step >= self.due[0]:
+            self.due = [step for step in self.due if step > state.step]
+            self.snapshots.append(self._snapshot(state))
+        clamp = self.model.grid.comm.allreduce(float(moved), op=MPI.MAX)
+        return {"clamp_cm": clamp, "speed_cm_per_s": float(speed)}
+
+    def _snapshot(self, state: fsi.State) -> Snapshot:
+        grid, solid = self.model.grid, self.model.bodies[0].solid  # type: ignore[attr-defined]
+        own = diagnostics.vorticity(grid, state.u)[:, :, 0, 2]
+        X, chi = (gathered(solid, grid.comm, x) for x in (solid.X, state.bodies[0]["chi"]))
+        vorticity, edges = plane_of(grid, own)
+        return Snapshot(state.t, edges, vorticity, chi[_around(X), :2])
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setup:
-    """What is run.
+class TurekFsi(Benchmark[int, None]):
+    """The flag, on one grid or on several, each 1.5 times as fine as the one before."""
 
-    Attributes:
-        case: "fsi1" (steady), "fsi2" (a flag ten times as dense as the fluid) or "fsi3".
-        cells: Cells across the flag on the coarsest grid.
-        t_end: End of the run [s].
-        refine: Number of finer grids, each 1.5 times as fine.
-        kernel: Kernel of the coupling.
-        overrides: ``key=value``, names in `PARAMETERS`.
-        resume: Whether to go on from the checkpoints of an earlier run in the folder.
-    """
+    name = "turek-fsi"
+    resumable = True
+    parameters = PARAMETERS
 
-    case: str = "fsi3"
-    cells: int = 4
-    t_end: float = 8.0
-    refine: int = 0
-    kernel: str = "bspline3"
-    overrides: Sequence[str] = ()
-    resume: bool = False
+    case: str = option("fsi3", "fsi1 (steady), fsi2 (a heavy flag) or fsi3.", choices=tuple(CASES))
+    cells: int = option(4, "Cells across the flag.", least=2)
+    t_end: float = option(8.0, "End of the run [s].", between=(0.0, math.inf))
+    refine: int = option(0, "Number of finer grids, each 1.5 times as fine.", least=0, most=4)
+    kernel: str = option("bspline3", "Kernel of the coupling.", choices=tuple(KERNELS))
 
-    def __post_init__(self) -> None:
-        """Check the names and ranges."""
-        if self.case not in CASES:
-            raise CaseError(f"a case is one of {', '.join(CASES)}", key="--case", value=self.case)
-        if self.kernel not in KERNELS:
-            raise CaseError(f"a kernel is one of {', '.join(KERNELS)}", key="--kernel", value=self.kernel)
-        if not (math.isfinite(self.t_end) and self.t_end > 0.0):
-            raise CaseError("expected a time above 0", key="--t-end", value=self.t_end)
+    @property
+    def folder(self) -> str:
+        """Name of the folder of the results."""
+        return f"turek-{self.case}"
 
-    def values(self) -> dict[str, float]:
-        """The parameters in CGS."""
-        defaults = {k: (CASES[self.case].get(k, v), unit) for k, (v, unit) in PARAMETERS.items()}
-        values = read_parameters(defaults, self.overrides)
+    def read(self) -> Values:
+        """Read the parameters; the case sets some of their defaults."""
+        return read_parameters(changed(PARAMETERS, **CASES[self.case]), self.overrides)
+
+    def check(self, values: Values) -> None:
+        """Refuse Poisson's ratios above 0.5 and a flag lighter than the fluid."""
         for key in ("nu", "nu_stab"):
             if not values[key] < 0.5 + 1e-12 * (key == "nu"):
                 raise CaseError("expected at most 0.5", file="--set", key=key, value=values[key])
         if values["rho_s"] < values["rho"]:
             message = f"expected the fluid's density, {values['rho']:g} g/cm^3, or more"
             raise CaseError(message, file="--set", key="rho_s", value=values["rho_s"])
-        return values
 
+    @property
+    def comparable(self) -> bool:
+        """Whether the published numbers are those of this flag: nothing physical was changed."""
+        physical = CASES[self.case] | {key: PARAMETERS[key][0] for key in ("rho", "mu")}
+        return all(self.values[key] == value for key, value in physical.items())
 
-COLUMNS = (
-    "t_s",
-    "ux_cm",
-    "uy_cm",
-    "drag_dyn_per_cm",
-    "lift_dyn_per_cm",
-    "clamp_cm",
-    "J_off",
-    "speed_cm_per_s",
-)
-"""Columns of ``history.csv``: displacement of A, forces, largest displacement of the clamp, largest |J - 1|, speed."""
-SIGNALS = {
-    "ux": ("ux_cm", 10.0),
-    "uy": ("uy_cm", 10.0),
-    "drag": ("drag_dyn_per_cm", 1e-3),
-    "lift": ("lift_dyn_per_cm", 1e-3),
-}
-"""Column of each published signal and the factor to mm and N/m."""
-LABELS = (("ux", "ux(A)", "mm"), ("uy", "uy(A)", "mm"), ("drag", "drag", "N/m"), ("lift", "lift", "N/m"))
+    def runs(self) -> list[int]:
+        """Return the cells across the flag of each grid."""
+        return refined(self.cells, self.refine, REFINEMENT)
 
+    def label(self, run: int) -> str:
+        """Return the name of a grid."""
+        return f"{self.case}, {run} cells across the flag"
 
-class Watch:
-    """What is read off a run: rows of `COLUMNS`, and snapshots of vorticity and flag.
+    def place(self, run: int, out: Path) -> Path:
+        """Return the folder of a grid."""
+        return out / f"N{run}"
 
-    Args:
-        model: The model of `build`.
-
-    Note:
-        Collective.
-    """
-
-    def __init__(self, model: fsi.Model) -> None:
-        self.model, self.flag = model, model.bodies[0].solid
-        self.tip = self.flag.node_at((TIP, CENTRE[1]))
-        self.root = self.flag.X[:, 0] < CLAMP + 1e-6
-        self.rows: list[list[float]] = []
-        self.snapshots: list[dict[str, object]] = []
-        self.since: fsi.State | None = None
-
-    def _force(self, state: fsi.State) -> Array:
-        """Return the mean force of the fluid on all bodies since the last row."""
-        gained = -(state.impulse - self.since.impulse).sum(axis=0)
-        for sign, s in ((1.0, state), (-1.0, self.since)):
-            for body, q in zip(self.model.bodies, s.bodies, strict=True):
-                gained += sign * body.momentum(q, s.u, self.model.fluid.rho)
-        return gained / (state.t - self.since.t)
-
-    def begin(self, state: fsi.State) -> None:
-        """Begin the first interval (collective)."""
-        self.since = state
-
-    def record(self, state: fsi.State) -> dict[str, float]:
-        """Append a row, with the mean forces since the last one, and return it by name (collective).
-
-        Raises:
-            StabilityError: A velocity is not finite, or an element is inverted.
-        """
-        comm, chi = self.model.grid.comm, state.bodies[0]["chi"]
-        F, self.since = self._force(state), state
-        moved = np.linalg.norm((chi - self.flag.X)[self.root], axis=1).max(initial=0.0)
-        J = np.abs(self.flag.jacobian(chi) - 1.0).max(initial=0.0)
-        moved, J = comm.allreduce(float(moved), op=MPI.MAX), comm.allreduce(float(J), op=MPI.MAX)
-        speed, _ = diagnostics.fastest_place(self.model.grid, state.u)
-        if not (math.isfinite(speed) and J < 1.0):
-            raise StabilityError(
-                f"the velocity is not finite or an element is inverted, |J - 1| = {J:.3g}, t = {state.t:.4g} s; "
-                "try a smaller share"
-            )
-        tip = self.flag.position_of(self.tip, chi) - (TIP, CENTRE[1], 0.5)
-        self.rows.append([state.t, *tip[:2].tolist(), *F[:2].tolist(), moved, J, speed])
-        return dict(zip(COLUMNS, self.rows[-1], strict=True))
-
-    def snapshot(self, state: fsi.State) -> None:
-        """Keep vorticity and outline of the flag for a picture (collective)."""
-        grid = self.model.grid
-        own = diagnostics.vorticity(grid, state.u)[:, :, 0, 2]
-        whole = np.zeros(grid.cells[:2])
-        whole[tuple(slice(s, s + n) for s, n in zip(grid.start[:2], own.shape, strict=True))] = own
-        edges = [grid.lower[d] + np.concatenate([[0.0], np.cumsum(grid.cell_widths[d])]) for d in range(2)]
-        places = np.zeros((2, self.flag.num_nodes, 3))
-        places[:, self.flag.ids] = self.flag.X, state.bodies[0]["chi"]
-        X, chi = grid.comm.allreduce(places)
-        outline = chi[_around(X), :2]
-        self.snapshots.append(
-            {"t": state.t, "edges": edges, "vorticity": grid.comm.allreduce(whole), "flag": outline}
+    def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Watch]:
+        """Return the simulation of one grid and what watches it (collective)."""
+        model, dt = build(cells, self.kernel, self.values, comm)
+        period = PERIODS[self.case]
+        steps, every = math.ceil(self.t_end / dt - 1e-6), max(1, round(period / SAMPLES / dt))
+        watch = Watch(model, [max(1, steps - round(part * period / dt)) for part in (0.5, 0.25, 0.0)])
+        output = Output(
+            directory=folder,
+            history_every=every,
+            checkpoint_every=SAVED * every,
+            probes=(Probe(name="tip", body=0, at=(TIP, CENTRE[1])),),
+            forces=(ForceOutput(name="bodies", bodies=(0, 1)),),
+            observers=(watch,),
+            provenance=self.values | {"case": self.case, "cells": cells, "kernel": self.kernel},
         )
+        return Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=math.inf), output), watch
+
+    def one(self, run: int, job: Job) -> Record:
+        """Run one grid and draw it."""
+        simulation, watch = self.simulation(run, job.folder, job.comm)
+        done = attempt(simulation, job)
+        if job.comm.rank == 0:
+            self._pictures(run, job.folder, done.history, watch.snapshots)
+        model, h = simulation.model, done.history
+        J_off = np.maximum(1.0 - h["flag_J_min"], h["flag_J_max"] - 1.0)
+        return {
+            "cells": run,
+            "grid": list(model.grid.cells[:2]),
+            "h": THICKNESS / run,
+            "nodes": model.bodies[0].num_points,
+            "points": model.bodies[1].num_points,
+            "dt": simulation.schedule.dt,
+            "steps": int(h["step"][-1]),
+            "failed": done.failed,
+            "quantities": {k: dict(zip(PARTS, q, strict=True)) for k, q in numbers(h).items()},
+            "clamp_mm": 10.0 * float(h["clamp_cm"].max()),
+            "J_off": float(J_off.max()),
+        }
+
+    def _pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[Snapshot]) -> None:
+        from valvefsi.post.plots.turek import histories, vorticity
+
+        name = f"{self.case.upper()}, {cells} cells across the flag, {self.kernel}"
+        known = published(self.case) if self.comparable else {}
+        shown = {key: factor * h[column][1:] for key, (column, factor) in SIGNALS.items()}
+        if len(h["t_s"]) > 1:
+            histories(folder / "history.png", h["t_s"][1:], shown, known, title=name)
+        if snapshots:
+            scale = 4.0 * self.values["U"] / RADIUS
+            pictures, body = [vars(s) for s in snapshots], (*CENTRE, RADIUS)
+            vorticity(folder / "vorticity.png", pictures, body, scale=scale, title=name)
+
+    def report(self, records: Sequence[Record], known: None) -> Report:
+        """Return mean, amplitude and frequency of displacements and forces."""
+        chosen = {"case": self.case, "t_end": self.t_end, "kernel": self.kernel}
+        return Report(
+            parameters=self.values | chosen,
+            quantities={r["cells"]: r["quantities"] for r in records},
+            reference=published(self.case) | {"source": SOURCE},
+            more={"runs": [public(r) for r in records]},
+            table=[line for r in records for line in self._lines(r)],
+        )
+
+    def _lines(self, r: Record) -> list[Row]:
+        lines = [row(f"{r['cells']} cells", "broke down", source=r["failed"][:90])] if r["failed"] else []
+        for key, label, unit in LABELS:
+            for what, value in zip(PARTS, published(self.case)[key], strict=True):
+                # a steady case has neither amplitude nor frequency
+                reference = value if self.comparable and abs(value) > 0.0 else None
+                name = f"{label}, {what}, {r['cells']} cells" if what == "mean" else f"  {what}"
+                lines.append(
+                    row(
+                        name,
+                        r["quantities"][key][what],
+                        reference,
+                        SOURCE if reference is not None else "",
+                        unit="1/s" if what == "frequency" else unit,
+                        relative=what != "mean"
+                        or key == "drag",  # no per cent of a mean that is next to nothing
+                    )
+                )
+        cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
+        return [
+            *lines,
+            row("  largest displacement of the clamp", r["clamp_mm"], unit="mm"),
+            row("  largest |J - 1|", r["J_off"], 0.0, "incompressible", relative=False),
+            row("  wall-clock time of this call", r["wall_s"], source=cost, unit="s"),
+        ]
+
+
+def numbers(h: History) -> dict[str, tuple[float, float, float]]:
+    """Mean, amplitude and frequency [1/s] of displacements [mm] and forces [N/m] of a history, its first row left out.
+
+    The first row has no forces: they are means since the row before.
+    """
+    late = {name: column[1:] for name, column in h.items()}
+    t = late["t_s"]
+    if len(t) < 1:
+        return dict.fromkeys(SIGNALS, (math.nan,) * 3)
+    periods = whole_periods(t, late["u_y_tip_cm"])
+    return {key: oscillation(t, factor * late[column], periods) for key, (column, factor) in SIGNALS.items()}
 
 
 def _around(X: Array) -> Array:
@@ -241,199 +308,3 @@ def _around(X: Array) -> Array:
     return np.concatenate(
         [low[np.argsort(X[low, 0])], end[np.argsort(y[end])], high[np.argsort(-X[high, 0])]]
     )
-
-
-def march(
-    run: tuple[fsi.Model, float], watch: Watch, setup: Setup, output: Output, progress: Callable | None = None
-) -> tuple[int, str | None]:
-    """Run from rest, or on from a checkpoint; return the last step and, where it broke down, why (collective)."""
-    model, dt = run
-    period = PERIODS[setup.case]
-    steps, every = math.ceil(setup.t_end / dt - 1e-6), max(1, round(period / SAMPLES / dt))
-    shown = {max(1, steps - round(share * period / dt)) for share in (0.5, 0.25, 0.0)}
-    state = _first(model, dt, watch, setup, output)
-    watch.begin(state)
-    found: dict[str, float] = {}
-    try:
-        for k in range(state.step + 1, steps + 1):
-            state = fsi.step(model, state, dt)
-            if k % every == 0 or k == steps:
-                found = watch.record(state)
-            if k in shown:
-                watch.snapshot(state)
-            if k % (SAVED * every) == 0 or k == steps:
-                _save(model, state, watch, output, finished=k == steps)
-            if progress is not None:
-                progress(k, state.t, setup.t_end, {name: found.get(name, 0.0) for name in COLUMNS[1:4]})
-        if not watch.snapshots:
-            watch.snapshot(state)
-    except StabilityError as error:
-        return state.step, str(error)
-    return state.step, None
-
-
-def _first(model: fsi.Model, dt: float, watch: Watch, setup: Setup, output: Output) -> fsi.State:
-    """Return the first state; of a resumed run the checkpoint's, with the rows up to it (collective)."""
-    comm, folder = model.grid.comm, output.directory
-    meta = newest_meta(folder / "checkpoints", comm) if setup.resume else None
-    if meta is None:
-        refuse_to_overwrite(model, output)
-        return fsi.initial_state(model, dt)
-    if meta["provenance"] != dict(output.provenance):
-        raise CaseError("the checkpoints there belong to another run", file=folder, key="--resume")
-    state = load_state(model, output, memory_of(model, output))
-    rows = np.loadtxt(folder / "history.csv", delimiter=",", skiprows=1, ndmin=2)
-    watch.rows = rows[rows[:, 0] <= state.t + 0.5 * dt].tolist()
-    return state
-
-
-def _save(model: fsi.Model, state: fsi.State, watch: Watch, output: Output, *, finished: bool) -> None:
-    if model.grid.comm.rank == 0:
-        output.directory.mkdir(parents=True, exist_ok=True)
-        write_rows(output.directory, watch.rows)
-    save_state(model, state, output, memory_of(model, output), finished=finished)
-
-
-def write_rows(folder: Path, rows: Sequence[Sequence[float]]) -> None:
-    """Write ``history.csv``."""
-    np.savetxt(folder / "history.csv", rows, delimiter=",", comments="", header=",".join(COLUMNS))
-
-
-def numbers(rows: Sequence[Sequence[float]]) -> dict[str, tuple[float, float, float]]:
-    """Mean, amplitude and frequency [1/s] of the displacements [mm] and the forces [N/m] of a history."""
-    h = dict(zip(COLUMNS, np.array(rows).T, strict=True))
-    t, periods = h["t_s"], whole_periods(h["t_s"], h["uy_cm"])
-    return {key: oscillation(t, factor * h[column], periods) for key, (column, factor) in SIGNALS.items()}
-
-
-def run(
-    setup: Setup,
-    *,
-    out: Path,
-    comm: MPI.Comm = MPI.COMM_WORLD,
-    progress: Callable[[str], Callable] | None = None,
-) -> dict[str, object]:
-    """Run every grid; write ``result.json`` and, of each grid, ``history.csv``, pictures and checkpoints.
-
-    Args:
-        setup: What is run.
-        out: Folder of the results.
-        comm: Communicator.
-        progress: Makes what shows a run from its name.
-
-    Returns:
-        The contents of ``result.json``.
-
-    Raises:
-        CaseError: A parameter cannot be used, or a checkpoint of another run is in the folder.
-
-    Note:
-        Collective.
-    """
-    keep_freed_memory()
-    values = setup.values()
-
-    def one(cells: int) -> dict[str, object]:
-        name = f"{setup.case}, {cells} cells across the flag"
-        return _one(setup, cells, values, (Path(out), comm), progress(name) if progress else None)
-
-    def told(runs: Sequence[Mapping]) -> dict[str, object]:
-        return {
-            "benchmark": "turek-fsi",
-            "parameters": values | {"case": setup.case, "t_end": setup.t_end, "kernel": setup.kernel},
-            "reference": PUBLISHED[setup.case] | {"source": SOURCE},
-            "table": _table(setup, values, runs),
-        }
-
-    return run_series(refined(setup.cells, setup.refine, REFINEMENT), one, told, out=out, comm=comm)
-
-
-def _one(
-    setup: Setup,
-    cells: int,
-    values: Mapping[str, float],
-    where: tuple[Path, MPI.Comm],
-    progress: Callable | None,
-) -> dict[str, object]:
-    """Run one grid and write what belongs to it alone."""
-    (out, comm), begin = where, time.perf_counter()
-    model, dt = build(cells, setup.kernel, values, comm)
-    watch, folder = Watch(model), out / f"N{cells}"
-    output = Output(directory=folder, provenance=provenance(setup, cells, values))
-    steps, failed = march((model, dt), watch, setup, output, progress)
-    wall = time.perf_counter() - begin
-    if comm.rank == 0:
-        from valvefsi.post.plots.turek import histories, vorticity
-
-        folder.mkdir(parents=True, exist_ok=True)
-        write_rows(folder, watch.rows)
-        name = f"{setup.case.upper()}, {cells} cells across the flag, {setup.kernel}"
-        known = PUBLISHED[setup.case] if comparable(setup, values) else {}
-        h = np.array(watch.rows).T
-        shown = {key: f * h[COLUMNS.index(column)] for key, (column, f) in SIGNALS.items()}
-        histories(folder / "history.png", h[0], shown, known, title=name)
-        if watch.snapshots:
-            body = (*CENTRE, RADIUS)
-            vorticity(
-                folder / "vorticity.png", watch.snapshots, body, scale=4.0 * values["U"] / RADIUS, title=name
-            )
-    comm.barrier()
-    return {
-        "cells": cells,
-        "grid": list(model.grid.cells[:2]),
-        "h": THICKNESS / cells,
-        "nodes": model.bodies[0].solid.num_nodes,
-        "points": model.bodies[1].num_points,
-        "dt": dt,
-        "steps": steps,
-        "failed": failed,
-        "quantities": {
-            k: dict(zip(("mean", "amplitude", "frequency"), q, strict=True))
-            for k, q in numbers(watch.rows).items()
-        },
-        "clamp_mm": 10.0 * max(r[COLUMNS.index("clamp_cm")] for r in watch.rows),
-        "J_off": max(r[COLUMNS.index("J_off")] for r in watch.rows),
-        "wall_s": wall,
-    }
-
-
-def provenance(setup: Setup, cells: int, values: Mapping[str, float]) -> dict[str, object]:
-    """Return what a checkpoint must agree with for a run to go on from it."""
-    return dict(values) | {"case": setup.case, "cells": cells, "kernel": setup.kernel}
-
-
-def comparable(setup: Setup, values: Mapping[str, float]) -> bool:
-    """Whether the published numbers are those of this flag: nothing physical was changed."""
-    physical = CASES[setup.case] | {key: PARAMETERS[key][0] for key in ("rho", "mu")}
-    return all(values[key] == known for key, known in physical.items())
-
-
-def _table(setup: Setup, values: Mapping[str, float], runs: Sequence[Mapping]) -> list[dict[str, object]]:
-    known, lines = PUBLISHED[setup.case], []
-    for r in runs:
-        if r["failed"]:
-            lines.append(row(f"{r['cells']} cells", "broke down", source=r["failed"][:90]))
-        for key, label, unit in LABELS:
-            for number, what in enumerate(("mean", "amplitude", "frequency")):
-                reference = known[key][number] if comparable(setup, values) else None
-                if reference is not None and not abs(reference) > 0.0:  # steady: no amplitude, no frequency
-                    reference = None
-                shown = f"{label}, {what}, {r['cells']} cells" if number == 0 else f"  {what}"
-                source = SOURCE if reference is not None else ""
-                found, unit_shown = r["quantities"][key][what], "1/s" if what == "frequency" else unit
-                # no per cent of a mean that is next to nothing
-                lines.append(
-                    row(
-                        shown,
-                        found,
-                        reference,
-                        source,
-                        unit=unit_shown,
-                        relative=what != "mean" or key == "drag",
-                    )
-                )
-        lines.append(row("  largest displacement of the clamp", r["clamp_mm"], unit="mm"))
-        lines.append(row("  largest |J - 1|", r["J_off"], 0.0, "incompressible", relative=False))
-        cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
-        lines.append(row("  wall-clock time of this call", r["wall_s"], source=cost, unit="s"))
-    return lines

@@ -1,27 +1,29 @@
-"""The flag behind a cylinder of `valvefsi.benchmarks.turek`: mesh, points of the cylinder, grid, model."""
+"""The flag behind a cylinder of `valvefsi.benchmarks.immersed.turek`: mesh, points of the cylinder, grid, model."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
+from valvefsi.benchmarks.options import Values
+from valvefsi.benchmarks.running import flow_of
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.heavy import Heavy
 from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, Open, Wall
-from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.geometry.mesh import SolidMesh, mesh_from_gmsh
-from valvefsi.grid import Array, MacGrid
+from valvefsi.grid import MacGrid
 from valvefsi.grid.grading import graded_edges
 from valvefsi.solid.loads import Tether
 from valvefsi.solid.materials import NeoHookean, kappa_stab
 from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.types import Array, Gmsh
 
 LENGTH, HEIGHT = 250.0, 41.0
 """Length and height of the channel [cm]."""
@@ -45,7 +47,7 @@ def flag_mesh(comm: MPI.Comm, *, h: float, ratio: float) -> SolidMesh:
     along = [max(1, round((b - a) / size)) for a, b in itertools.pairwise(x)]
     across = max(1, round(THICKNESS / size))
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         geo, surfaces = gmsh.model.geo, []
         ends = [[geo.addPoint(a, CENTRE[1] + s * half, 0.0) for s in (-1.0, 1.0)] for a in x]
         ups = [geo.addLine(*pair) for pair in ends]
@@ -93,7 +95,7 @@ def channel(cells: int, comm: MPI.Comm) -> MacGrid:
     return MacGrid.graded([graded_edges(along), graded_edges(across)], [False, False], comm)
 
 
-def length_of_step(h: float, values: Mapping[str, float]) -> float:
+def length_of_step(h: float, values: Values) -> float:
     """Return the step: the share of the elastic limit, and a Courant number of 0.3 at 2.5 U [s]."""
     c1 = plate_modulus(values)
     wave = math.sqrt((kappa_stab(c1, values["nu_stab"]) + 4.0 / 3.0 * c1) / values["rho"])
@@ -101,12 +103,12 @@ def length_of_step(h: float, values: Mapping[str, float]) -> float:
     return min(values["share"] * elastic, 0.3 * h / (2.5 * values["U"]))
 
 
-def plate_modulus(values: Mapping[str, float]) -> float:
+def plate_modulus(values: Values) -> float:
     """Shear modulus of an incompressible plate as stiff as the published one [dyn/cm^2]."""
     return 0.5 * values["mu_s"] / (1.0 - values["nu"])
 
 
-def inflow(values: Mapping[str, float]) -> Callable:
+def inflow(values: Values) -> Callable:
     """Return the velocity on the left side as a function of place and time."""
     U, ramp = values["U"], values["ramp"]
 
@@ -117,7 +119,7 @@ def inflow(values: Mapping[str, float]) -> Callable:
     return velocity
 
 
-def build(cells: int, kernel: str, values: Mapping[str, float], comm: MPI.Comm) -> tuple[fsi.Model, float]:
+def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> tuple[fsi.Model, float]:
     """Return the model and the length of a step [s] (collective)."""
     grid = channel(cells, comm)
     h = THICKNESS / cells
@@ -134,14 +136,12 @@ def build(cells: int, kernel: str, values: Mapping[str, float], comm: MPI.Comm) 
     coupling = Coupling(grid, kernel)
     points, areas = cylinder_points(h)
     cylinder = RigidSurface(points, areas, coupling, name="cylinder", slip=values["pace"] / dt, **hold)
-    explicit = 2.0 * dt < ExplicitViscosity.limit(grid, rho=rho, mu=mu)
     sides = Boundary(grid, {"x_lower": Wall(velocity=inflow(values)), "x_upper": Open()})
-    kind = ExplicitViscosity if explicit else NavierStokes
     density = values["rho_s"]
     body = Heavy(flag, coupling, rho=rho, density=density) if density > rho else Elastic(flag, coupling)
     model = fsi.Model(
         grid=grid,
-        fluid=kind(grid, sides, rho=rho, mu=mu, advection="xsppm7"),
+        fluid=flow_of(grid, sides, dt, rho=rho, mu=mu, advection="xsppm7"),
         bodies=(body, cylinder),
     )
     return model, dt

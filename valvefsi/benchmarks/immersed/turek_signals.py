@@ -1,10 +1,10 @@
-"""Mean, amplitude and frequency of what swings with the flag of `valvefsi.benchmarks.turek`."""
+"""Mean, amplitude and frequency of what swings with the flag of `valvefsi.benchmarks.immersed.turek`."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from valvefsi.grid import Array
+from valvefsi.types import Array
 
 HARMONICS = 10
 """Multiples of the flag's frequency that the reduction keeps: forces carry noise of points that cross cells."""

@@ -23,33 +23,39 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.benchmarks.grid_series import refined, run_series
-from valvefsi.benchmarks.parameters import read_parameters
-from valvefsi.benchmarks.polygon_gap import gap
-from valvefsi.benchmarks.results import row
+from valvefsi.benchmarks import references
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
+from valvefsi.benchmarks.immersed.polygon_gap import gap
+from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.running import History, attempt, gathered, plane_of
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
-from valvefsi.errors import CaseError, StabilityError
+from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, Open, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.geometry.mesh import SolidMesh, mesh_from_gmsh
-from valvefsi.grid import Array, MacGrid
+from valvefsi.grid import MacGrid
 from valvefsi.grid.grading import graded_edges
 from valvefsi.post import diagnostics
 from valvefsi.run.planning import step_limits
+from valvefsi.run.recording import Output
+from valvefsi.run.schedule import Schedule
+from valvefsi.run.simulation import Simulation
 from valvefsi.run.stable_step import measured_limit
-from valvefsi.runtime.memory import keep_freed_memory
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.types import Array, Gmsh
 
 LENGTH, HEIGHT, ROOT = 8.0, 1.61, 2.0
 """Length and height of the channel, and where the leaflets are [cm]."""
@@ -68,36 +74,20 @@ PARAMETERS = {
     "share": (0.6, "1"),
 }
 """Default and unit; ``ratio`` is element length over h, ``share`` the step over the limit measured at rest."""
-PUBLISHED = {"max_dx": (0.583, (0.551, 0.583)), "max_dy": (0.411, (0.365, 0.411))}
-"""Largest displacements of the upper tip and their range over codes [cm]."""
 SOURCE = "Kamensky et al. 2015, digitised"
 REFINEMENT, SAMPLES = 1.5, 600
 
 
-@dataclass(frozen=True, kw_only=True)
-class Setup:
-    """What is run.
-
-    Attributes:
-        cells: Cells across the channel on the coarsest grid.
-        t_end: End of the run [s].
-        refine: Number of finer grids, each 1.5 times as fine.
-        kernel: Kernel of the coupling.
-        overrides: ``key=value``, names in `PARAMETERS`.
-    """
-
-    cells: int = 92
-    t_end: float = 3.0
-    refine: int = 0
-    kernel: str = "bspline3"
-    overrides: Sequence[str] = ()
-
-    def __post_init__(self) -> None:
-        """Check the names and ranges."""
-        if self.kernel not in KERNELS:
-            raise CaseError(f"a kernel is one of {', '.join(KERNELS)}", key="--kernel", value=self.kernel)
-        if not (math.isfinite(self.t_end) and self.t_end > 0.0):
-            raise CaseError("expected a time above 0", key="--t-end", value=self.t_end)
+def published() -> dict[str, tuple[float, tuple[float, float]]]:
+    """Return the largest displacements of the upper tip and their range over codes [cm]."""
+    table = references.read("kamensky2015")
+    return {
+        key: (
+            table.value("value", quantity=key),
+            (table.value("low", quantity=key), table.value("high", quantity=key)),
+        )
+        for key in ("max_dx", "max_dy")
+    }
 
 
 def leaflets(comm: MPI.Comm, *, size: tuple[float, float], elements: tuple[int, int] = (1, 40)) -> SolidMesh:
@@ -112,7 +102,7 @@ def leaflets(comm: MPI.Comm, *, size: tuple[float, float], elements: tuple[int, 
         Collective.
     """
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         geo, surfaces = gmsh.model.geo, []
         left, right = ROOT - 0.5 * size[0], ROOT + 0.5 * size[0]
         for root, tip in ((0.0, size[1]), (HEIGHT, HEIGHT - size[1])):
@@ -140,7 +130,7 @@ def channel(cells: int, comm: MPI.Comm) -> MacGrid:
     return MacGrid.graded([graded_edges(along), graded_edges([(0.0, h), (HEIGHT, h)])], [False, False], comm)
 
 
-def solid_of(mesh: SolidMesh, values: Mapping[str, float], kernel: str) -> Structure:
+def solid_of(mesh: SolidMesh, values: Values, kernel: str) -> Structure:
     """Return the leaflets of a mesh, as stiff as the published plate (collective)."""
     plate = values["E"] / (1.0 - values["nu"] ** 2)
     quadratic = Discretisation(degree=2, kernel=kernel)
@@ -148,10 +138,17 @@ def solid_of(mesh: SolidMesh, values: Mapping[str, float], kernel: str) -> Struc
     return Structure(mesh, material, name="leaflets", nu_stab=values["nu_stab"], discretisation=quadratic)
 
 
-def build(
-    cells: int, kernel: str, values: Mapping[str, float], comm: MPI.Comm
-) -> tuple[fsi.Model, float, dict[str, float]]:
-    """Return the model, the length of a step and its limits [s] (collective)."""
+@dataclass(frozen=True)
+class Built:
+    """A model, the length of a step and its limits [s]."""
+
+    model: fsi.Model
+    dt: float
+    limits: dict[str, float]
+
+
+def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> Built:
+    """Return the model on one grid (collective)."""
     grid = channel(cells, comm)
     h, thickness, length = HEIGHT / cells, values["thickness"], values["length"]
     elements = max(1, round(0.5 * thickness / h)), max(4, math.ceil(length / (values["ratio"] * h)))
@@ -173,7 +170,7 @@ def build(
     if 2.0 * dt >= limits["viscosity, where explicit"]:
         fluid = NavierStokes(grid, sides, rho=rho, mu=mu)
         model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, coupling),))
-    return model, dt, limits
+    return Built(model, dt, limits)
 
 
 class Leaflet:
@@ -210,66 +207,172 @@ class Leaflet:
         )
 
 
-COLUMNS = ("t", "upper_dx", "upper_dy", "lower_dx", "lower_dy", "gap", "area_change", "J_off", "speed")
-"""Columns of ``tip.csv``: s, cm, relative change of both leaflets' area, largest |J - 1|, largest component [cm/s]."""
+@dataclass(frozen=True)
+class Snapshot:
+    """Speed in the cells ``(nx, ny)`` [cm/s] between edges [cm], and outlines of the leaflets ``(n, 2)`` [cm]."""
+
+    t: float
+    edges: list[Array]
+    speed: Array
+    outlines: list[Array]
 
 
+@dataclass
 class Watch:
-    """What is read off a run: rows of `COLUMNS`, and snapshots of flow and leaflets.
+    """Sees tips, gap and the largest speed, and keeps the flow at some steps for a picture.
 
-    Args:
+    Attributes:
         model: The model of `build`.
-        values: The parameters.
+        size: Thickness and length of a leaflet [cm].
+        due: Steps at or after which a picture is kept, in order.
+        snapshots: What was kept.
 
     Note:
         Collective.
     """
 
-    def __init__(self, model: fsi.Model, values: Mapping[str, float]) -> None:
-        self.model, self.solid = model, model.bodies[0].solid
-        self.X = self.gathered(self.solid.X)
-        size = values["thickness"], values["length"]
-        self.lower, self.upper = (Leaflet(self.X, upper, size) for upper in (False, True))
-        self.rows: list[list[float]] = []
-        self.snapshots: list[dict[str, object]] = []
+    model: fsi.Model
+    size: tuple[float, float]
+    due: list[int] = field(default_factory=list)
+    snapshots: list[Snapshot] = field(default_factory=list)
+    columns = ("upper_dx_cm", "upper_dy_cm", "lower_dx_cm", "lower_dy_cm", "gap_cm", "speed_cm_per_s")
 
-    def gathered(self, chi: Array) -> Array:
-        """Return the positions of all nodes by number, on all ranks (collective)."""
-        whole = np.zeros((self.solid.num_nodes, 3))
-        whole[self.solid.ids] = chi
-        return self.model.grid.comm.allreduce(whole)
+    def __post_init__(self) -> None:
+        """Find the leaflets among the nodes."""
+        body: Any = self.model.bodies[0]
+        self.solid: Structure = body.solid
+        self.X = gathered(self.solid, self.model.grid.comm, self.solid.X)
+        self.lower, self.upper = (Leaflet(self.X, upper, self.size) for upper in (False, True))
 
-    def record(self, state: fsi.State) -> dict[str, float]:
-        """Append a row and return it by name (collective).
-
-        Raises:
-            StabilityError: A velocity is not finite, or an element is inverted.
-        """
-        chi, comm = self.gathered(state.bodies[0]["chi"]), self.model.grid.comm
-        J = self.solid.jacobian(state.bodies[0]["chi"])
-        off = comm.allreduce(float(np.abs(J - 1.0).max(initial=0.0)), op=MPI.MAX)
-        speed, _ = diagnostics.fastest_place(self.model.grid, state.u)
-        if not (math.isfinite(speed) and off < 1.0):
-            raise StabilityError(
-                f"the velocity is not finite or an element is inverted, |J - 1| = {off:.3g}, t = {state.t:.4g} s; "
-                "try a smaller share"
-            )
-        tips = [chi[k] - self.X[k] for k in (self.upper.tip, self.lower.tip)]
-        between = gap(chi[self.upper.outline, :2], chi[self.lower.outline, :2])
-        change = self.solid.volume(state.bodies[0]["chi"]) / self.solid.reference_volume - 1.0
-        self.rows.append([state.t, *tips[0][:2].tolist(), *tips[1][:2].tolist(), between, change, off, speed])
-        return dict(zip(COLUMNS, self.rows[-1], strict=True))
-
-    def snapshot(self, state: fsi.State) -> None:
-        """Keep the flow and the leaflets' outlines for a picture (collective)."""
-        grid, chi = self.model.grid, self.gathered(state.bodies[0]["chi"])
-        speed = np.linalg.norm(diagnostics.cell_velocity(grid, state.u)[:, :, 0, :2], axis=2)
-        whole = np.zeros(grid.cells[:2])
-        whole[tuple(slice(s, s + n) for s, n in zip(grid.start[:2], speed.shape, strict=True))] = speed
-        edges = [grid.lower[d] + np.concatenate([[0.0], np.cumsum(grid.cell_widths[d])]) for d in range(2)]
+    def row(self, state: fsi.State) -> dict[str, float]:
+        """Return displacements of both tips, the gap and the largest component of the velocity (collective)."""
+        chi = gathered(self.solid, self.model.grid.comm, state.bodies[0]["chi"])
+        tips = [*(chi - self.X)[self.upper.tip, :2], *(chi - self.X)[self.lower.tip, :2]]
         outlines = [chi[leaflet.outline, :2] for leaflet in (self.lower, self.upper)]
-        speed = grid.comm.allreduce(whole)
-        self.snapshots.append({"t": state.t, "edges": edges, "speed": speed, "outlines": outlines})
+        speed, _ = diagnostics.fastest_place(self.model.grid, state.u)
+        if self.due and state.step >= self.due[0]:
+            self.due = [step for step in self.due if step > state.step]
+            own = np.linalg.norm(diagnostics.cell_velocity(self.model.grid, state.u)[:, :, 0, :2], axis=2)
+            whole, edges = plane_of(self.model.grid, own)
+            self.snapshots.append(Snapshot(state.t, edges, whole, outlines))
+        return dict(zip(self.columns, map(float, (*tips, gap(*outlines), speed)), strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Valve2D(Benchmark[int, None]):
+    """The leaflets, on one grid or on several, each 1.5 times as fine as the one before."""
+
+    name = "valve-2d"
+    resumable = True
+    parameters = PARAMETERS
+
+    cells: int = option(92, "Cells across the channel.", least=24)
+    t_end: float = option(3.0, "End of the run [s].", between=(0.0, math.inf))
+    refine: int = option(0, "Number of finer grids, each 1.5 times as fine.", least=0, most=4)
+    kernel: str = option("bspline3", "Kernel of the coupling.", choices=tuple(KERNELS))
+
+    def check(self, values: Values) -> None:
+        """Refuse leaflets that are compressible without end or overlap."""
+        if not values["nu"] < 0.5:
+            raise CaseError("expected below 0.5", file="--set", key="nu", value=values["nu"])
+        if not values["length"] < 0.5 * HEIGHT:
+            raise CaseError("the leaflets would overlap", file="--set", key="length", value=values["length"])
+
+    @property
+    def comparable(self) -> bool:
+        """Whether the published numbers are those of these leaflets, and a period is run."""
+        physical = [key for key in PARAMETERS if key not in ("nu_stab", "ratio", "share")]
+        return self.t_end >= 1.0 and self.published(*physical)
+
+    def runs(self) -> list[int]:
+        """Return the cells across the channel of each grid."""
+        return refined(self.cells, self.refine, REFINEMENT)
+
+    def label(self, run: int) -> str:
+        """Return the name of a grid."""
+        return f"N = {run}"
+
+    def place(self, run: int, out: Path) -> Path:
+        """Return the folder of a grid."""
+        return out / f"N{run}"
+
+    def simulation(self, built: Built, job: Job) -> tuple[Simulation, Watch]:
+        """Return the simulation of one grid and what watches it (collective)."""
+        steps = max(3, math.ceil(self.t_end / built.dt))
+        dt, size = self.t_end / steps, (self.values["thickness"], self.values["length"])
+        due = [min(steps, round(t / dt)) for t in snapshot_times(self.t_end)]
+        watch = Watch(built.model, size, due)
+        output = Output(
+            directory=job.folder,
+            history_every=max(1, steps // SAMPLES),
+            checkpoint_wall_s=600.0,
+            observers=(watch,),
+            provenance=self.values | {"t_end": self.t_end, "kernel": self.kernel},
+        )
+        schedule = Schedule(dt=dt, t_end=self.t_end, cfl_max=math.inf)
+        return Simulation(built.model, schedule, output), watch
+
+    def one(self, run: int, job: Job) -> Record:
+        """Run one grid and draw it."""
+        begin, built = time.perf_counter(), build(run, self.kernel, self.values, job.comm)
+        simulation, watch = self.simulation(built, job)
+        done = attempt(simulation, job)
+        grid, steps = built.model.grid, int(done.history["step"][-1])
+        if job.comm.rank == 0:
+            self._pictures(run, job.folder, done.history, watch.snapshots)
+        return {
+            "cells": run,
+            "grid": list(grid.cells[:2]),
+            "spacing": [float(h) for h in grid.spacing[:2]],
+            "nodes": built.model.bodies[0].num_points,
+            "dt": built.dt,
+            "limits": built.limits,
+            "steps": steps,
+            "failed": done.failed,
+            "quantities": numbers(done.history),
+            "step_ms": 1e3 * (time.perf_counter() - begin) / max(1, done.steps),
+        }
+
+    def _pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[Snapshot]) -> None:
+        from valvefsi.post.plots.valve_2d import in_the_flow, tips
+
+        name = f"Two leaflets in a channel, {cells} cells across, {self.kernel}"
+        curves = {key.removesuffix("_cm"): h[key] for key in Watch.columns} | {"t": h["t_s"]}
+        tips(folder / "tips.png", curves, published(), name)
+        if snapshots:
+            in_the_flow(folder / "flow.png", [vars(s) for s in snapshots], title=name)
+
+    def report(self, records: Sequence[Record], known: None) -> Report:
+        """Return extremes of the tips beside those of other codes."""
+        chosen = {"t_end": self.t_end, "kernel": self.kernel, "grids": self.runs()}
+        codes = {key: {"value": value, "range": band} for key, (value, band) in published().items()}
+        return Report(
+            parameters=self.values | chosen,
+            quantities={r["cells"]: r["quantities"] for r in records},
+            reference=codes | {"source": SOURCE},
+            more={"runs": [public(r) for r in records]},
+            table=[line for r in records for line in self._lines(r)],
+        )
+
+    def _lines(self, r: Record) -> list[Row]:
+        q, name = r["quantities"], f"N = {r['cells']}"
+        lines = [row(name, "broke down", source=r["failed"][:90])] if r["failed"] else []
+        for key, label in (("max_dx", "largest dx of the upper tip"), ("max_dy", "largest dy")):
+            value, (low, high) = published()[key]
+            source = f"{SOURCE}; over codes {low} ... {high}" if self.comparable else ""
+            lines.append(
+                row(f"{label}, {name}", q[key], value if self.comparable else None, source, unit="cm")
+            )
+        still = {"reference": 0.0, "source": "incompressible", "relative": False}
+        cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
+        return [
+            *lines,
+            row("  smallest gap between the leaflets", q["smallest_gap"], unit="cm"),
+            row("  largest difference of the mirrored tips", q["asymmetry"], unit="cm"),
+            row("  relative change of area", q["area_change"], **still),  # type: ignore[arg-type]
+            row("  largest |J - 1|", q["largest_J_off"], **still),  # type: ignore[arg-type]
+            row("  time of a step", r["step_ms"], source=cost, unit="ms"),
+        ]
 
 
 def snapshot_times(t_end: float) -> Array:
@@ -277,157 +380,21 @@ def snapshot_times(t_end: float) -> Array:
     return t_end - min(1.0, t_end) * (1.0 - np.array([0.2, 0.4, 0.6, 0.8, 1.0]))
 
 
-def march(
-    model: fsi.Model, dt: float, t_end: float, watch: Watch, progress: Callable | None = None
-) -> tuple[int, str | None]:
-    """Run from rest; return the number of steps and, where the run broke down, why (collective)."""
-    steps = max(3, math.ceil(t_end / dt))
-    dt, every = t_end / steps, max(1, steps // SAMPLES)
-    shown = {min(steps, round(t / dt)) for t in snapshot_times(t_end)}
-    state = fsi.initial_state(model, dt)
-    watch.record(state)
-    found: dict[str, float] = {}
-    try:
-        for k in range(1, steps + 1):
-            state = fsi.step(model, state, dt)
-            if k % every == 0 or k == steps:
-                found = watch.record(state)
-            if k in shown:
-                watch.snapshot(state)
-            if progress is not None:
-                progress(k, state.t, t_end, {name: found.get(name, 0.0) for name in COLUMNS[1:3]})
-    except StabilityError as error:
-        return state.step, str(error)
-    return steps, None
-
-
-def numbers(rows: Sequence[Sequence[float]]) -> dict[str, float]:
+def numbers(h: History) -> dict[str, float]:
     """Read extremes off a history: displacements of the upper tip, gap, asymmetry, area and J."""
-    h = dict(zip(COLUMNS, np.array(rows).T, strict=True))
-    apart = np.hypot(h["upper_dx"] - h["lower_dx"], h["upper_dy"] + h["lower_dy"])
+    dx, dy = h["upper_dx_cm"], h["upper_dy_cm"]
+    apart = np.hypot(dx - h["lower_dx_cm"], dy + h["lower_dy_cm"])
+    area = 1e-2 * h["leaflets_area_change_percent"]
+    J_off = np.maximum(1.0 - h["leaflets_J_min"], h["leaflets_J_max"] - 1.0)
     return {
-        "max_dx": float(h["upper_dx"].max()),
-        "max_dy": float(h["upper_dy"].max()),
-        "t_max_dx": float(h["t"][np.argmax(h["upper_dx"])]),
-        "min_dx": float(h["upper_dx"].min()),
-        "min_dy": float(h["upper_dy"].min()),
-        "smallest_gap": float(h["gap"].min()),
+        "max_dx": float(dx.max()),
+        "max_dy": float(dy.max()),
+        "t_max_dx": float(h["t_s"][np.argmax(dx)]),
+        "min_dx": float(dx.min()),
+        "min_dy": float(dy.min()),
+        "smallest_gap": float(h["gap_cm"].min()),
         "asymmetry": float(apart.max()),
-        "area_change": float(h["area_change"][np.argmax(np.abs(h["area_change"]))]),
-        "largest_J_off": float(h["J_off"].max()),
-        "largest_speed": float(h["speed"].max()),
+        "area_change": float(area[np.argmax(np.abs(area))]),
+        "largest_J_off": float(J_off.max()),
+        "largest_speed": float(h["speed_cm_per_s"].max()),
     }
-
-
-def run(
-    setup: Setup,
-    *,
-    out: Path,
-    comm: MPI.Comm = MPI.COMM_WORLD,
-    progress: Callable[[str], Callable] | None = None,
-) -> dict[str, object]:
-    """Run every grid; write ``result.json`` and, of each grid, ``tip.csv`` and pictures.
-
-    Args:
-        setup: What is run.
-        out: Folder of the results.
-        comm: Communicator.
-        progress: Makes what shows a run from its name.
-
-    Returns:
-        The contents of ``result.json``.
-
-    Raises:
-        CaseError: A parameter cannot be used.
-
-    Note:
-        Collective.
-    """
-    keep_freed_memory()
-    values = _checked(read_parameters(PARAMETERS, setup.overrides))
-    grids = refined(setup.cells, setup.refine, REFINEMENT)
-
-    def one(cells: int) -> dict[str, object]:
-        shown = progress(f"N = {cells}") if progress else None
-        return _one(setup, cells, values, (Path(out), comm), shown)
-
-    def told(runs: Sequence[Mapping]) -> dict[str, object]:
-        return {
-            "benchmark": "valve-2d",
-            "parameters": dict(values) | {"t_end": setup.t_end, "kernel": setup.kernel, "grids": grids},
-            "reference": {key: {"value": value, "range": band} for key, (value, band) in PUBLISHED.items()}
-            | {"source": SOURCE},
-            "table": _table(runs, setup.t_end, values),
-        }
-
-    return run_series(grids, one, told, out=out, comm=comm)
-
-
-def _checked(values: dict[str, float]) -> dict[str, float]:
-    if not values["nu"] < 0.5:
-        raise CaseError("expected below 0.5", file="--set", key="nu", value=values["nu"])
-    if not values["length"] < 0.5 * HEIGHT:
-        raise CaseError("the leaflets would overlap", file="--set", key="length", value=values["length"])
-    return values
-
-
-def _one(
-    setup: Setup,
-    cells: int,
-    values: Mapping[str, float],
-    where: tuple[Path, MPI.Comm],
-    progress: Callable | None,
-) -> dict[str, object]:
-    """Run one grid and write what belongs to it alone."""
-    (out, comm), begin = where, time.perf_counter()
-    model, dt, limits = build(cells, setup.kernel, values, comm)
-    watch = Watch(model, values)
-    steps, failed = march(model, dt, setup.t_end, watch, progress)
-    wall = time.perf_counter() - begin
-    if comm.rank == 0:
-        from valvefsi.post.plots.valve_2d import in_the_flow, tips
-
-        folder = out / f"N{cells}"
-        folder.mkdir(parents=True, exist_ok=True)
-        np.savetxt(folder / "tip.csv", watch.rows, delimiter=",", comments="", header=",".join(COLUMNS))
-        name = f"Two leaflets in a channel, {cells} cells across, {setup.kernel}"
-        tips(folder / "tips.png", dict(zip(COLUMNS, np.array(watch.rows).T, strict=True)), PUBLISHED, name)
-        if watch.snapshots:
-            in_the_flow(folder / "flow.png", watch.snapshots, title=name)
-    comm.barrier()
-    return {
-        "cells": cells,
-        "grid": list(model.grid.cells[:2]),
-        "spacing": [float(h) for h in model.grid.spacing[:2]],
-        "nodes": model.bodies[0].solid.num_nodes,
-        "dt": dt,
-        "limits": limits,
-        "steps": steps,
-        "failed": failed,
-        "quantities": numbers(watch.rows),
-        "wall_s": wall,
-        "step_ms": 1e3 * wall / steps,
-    }
-
-
-def _table(runs: Sequence[Mapping], t_end: float, values: Mapping[str, float]) -> list[dict[str, object]]:
-    physical = [key for key in PARAMETERS if key not in ("nu_stab", "ratio", "share")]
-    known = t_end >= 1.0 and all(values[key] == PARAMETERS[key][0] for key in physical)
-    lines = []
-    for r in runs:
-        q, name = r["quantities"], f"N = {r['cells']}"
-        if r["failed"]:
-            lines.append(row(f"{name}", "broke down", source=r["failed"][:90]))
-        for key, label in (("max_dx", "largest dx of the upper tip"), ("max_dy", "largest dy")):
-            value, (low, high) = PUBLISHED[key]
-            source = f"{SOURCE}; over codes {low} ... {high}" if known else ""
-            lines.append(row(f"{label}, {name}", q[key], value if known else None, source, unit="cm"))
-        lines.append(row("  smallest gap between the leaflets", q["smallest_gap"], unit="cm"))
-        lines.append(row("  largest difference of the mirrored tips", q["asymmetry"], unit="cm"))
-        lines.append(
-            row("  relative change of area", q["area_change"], 0.0, "incompressible", relative=False)
-        )
-        lines.append(row("  largest |J - 1|", q["largest_J_off"], 0.0, "incompressible", relative=False))
-        cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
-        lines.append(row("  time of a step", r["step_ms"], source=cost, unit="ms"))
-    return lines

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpi4py import MPI
 
-from valvefsi.benchmarks.frame import Benchmark, Job, Joined, Record, Report, public
+from valvefsi.benchmarks.frame import Benchmark, Job, Joined, Record, Report, Result, public
 from valvefsi.benchmarks.options import Values, option
 from valvefsi.benchmarks.results import Reference, Row, compared, row
 from valvefsi.case.overrides import nearest
@@ -220,6 +220,13 @@ class StaticParts(MeshOptions, Joined):
             )
             for name, kind in self.chosen().items()
         }
+
+    def parameters_of(self, results: Mapping[str, Result]) -> dict[str, Any]:
+        """Return what was run: once where all parts have the same parameters, else by part."""
+        if len({id(kind.parameters) for kind in self.parts.values()}) > 1:
+            return super().parameters_of(results)
+        *_, last = results.values()
+        return dict(last["parameters"]) | {"cell": self.cell}
 
     def chosen(self) -> Mapping[str, type[Static]]:
         """Return the kinds of benchmark that are run."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
+
+from valvefsi.benchmarks.frame import Record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,18 +56,18 @@ class Rule:
         shown = ", ".join(f"{problem} {error:.2g} %" for problem, error in self.errors.items())
         return f"best {self.best:g}: {shown}"
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """Return the rule as it goes into ``result.json``."""
         return asdict(self)
 
 
-def sound(line: Mapping) -> bool:
+def sound(line: Record) -> bool:
     """Whether a run neither broke down nor leaks."""
     return line["failed"] is None and not line["leaks"]
 
 
 def rules(
-    lines: Sequence[Mapping], *, floors: Mapping[str, float], factor: float, free: Collection[str] = ()
+    lines: Sequence[Record], *, floors: Mapping[str, float], factor: float, free: Collection[str] = ()
 ) -> list[Rule]:
     """Return the rule of each kernel, coupling and stabilisation, the best choice first.
 
@@ -93,7 +96,7 @@ def rules(
     return sorted(found, key=lambda rule: (rule.multiple is None, rule.multiple))
 
 
-def _best(lines: Sequence[Mapping], floors: Mapping[str, float]) -> dict[str, float]:
+def _best(lines: Sequence[Record], floors: Mapping[str, float]) -> dict[str, float]:
     best = {}
     for problem, floor in floors.items():
         errors = [abs(r["error_percent"]) for r in lines if r["problem"] == problem and sound(r)]
@@ -105,7 +108,7 @@ def _rule(
     kernel: str,
     coupling: str,
     kind: bool,
-    lines: Sequence[Mapping],
+    lines: Sequence[Record],
     measure: tuple[Mapping[str, float], float],
 ) -> Rule:
     best, factor = measure
@@ -132,7 +135,7 @@ def _rule(
     )
 
 
-def _why(lines: Sequence[Mapping]) -> str:
+def _why(lines: Sequence[Record]) -> str:
     broken = sorted({line["problem"] for line in lines if line["failed"] is not None})
     leaking = sorted({line["problem"] for line in lines if line["leaks"]})
     parts = [f"{word} {', '.join(names)}" for word, names in (("breaks down:", broken), ("leaks:", leaking))]

@@ -7,245 +7,183 @@ table follow rules: at which ratios a kernel stays within a factor of the best e
 from __future__ import annotations
 
 import csv
-import gc
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from mpi4py import MPI
 
-from valvefsi.benchmarks.immersed import Numerics
-from valvefsi.benchmarks.kernel_problems import PROBLEMS, StudyProblem, run_halving
-from valvefsi.benchmarks.kernel_rules import Rule, rules, sound
-from valvefsi.benchmarks.results import environment, row, write_result
-from valvefsi.benchmarks.static_study import read_parameters
-from valvefsi.case.overrides import nearest
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
+from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics
+from valvefsi.benchmarks.immersed.study import HELD
+from valvefsi.benchmarks.options import Values, option, read_parameters
+from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.studies.kernel_problems import PROBLEMS, StudyProblem, run_halving
+from valvefsi.benchmarks.studies.kernel_rules import Rule, rules, sound
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.errors import CaseError
 
-STABILISED = {"on": (True,), "off": (False,), "both": (True, False)}
 SHORT = {"piecewise_linear": "PWL"}
-
-Progress = Callable[[int, int, str, float | None], None]
+KEYS = ("error_percent", "change_percent", "J_spread", "u_max_cm_s")
+"""What is measured of each run."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setup:
-    """What is run.
+class One:
+    """One run: a problem and how it is discretised."""
 
-    Attributes:
-        problems: Names in `PROBLEMS`.
-        kernels: Names of the kernels.
-        ratios: Element size over grid spacing.
-        couplings: "nodal", "elemental" or "lumped".
-        stabilised: "on", "off" or "both".
-        nu_stab: Numerical Poisson ratio of the stabilised runs.
-        grids: Cells along the box by problem, where not the default.
-        factor: How many times the best error a recommended choice may have.
-        overrides: ``problem.key=value``.
-    """
+    problem: str
+    numerics: Numerics
 
-    problems: Sequence[str] = tuple(PROBLEMS)
-    kernels: Sequence[str] = tuple(KERNELS)
-    ratios: Sequence[float] = (0.5, 0.75, 1.0, 1.5, 2.0)
-    couplings: Sequence[str] = ("nodal", "elemental")
-    stabilised: str = "both"
-    nu_stab: float = 0.4
-    grids: Mapping[str, int] = field(default_factory=dict)
-    factor: float = 3.0
-    overrides: Sequence[str] = ()
 
-    def __post_init__(self) -> None:
-        """Check the names and the numbers."""
-        _check_names("--problems", self.problems, PROBLEMS)
-        _check_names("--kernels", self.kernels, KERNELS)
-        _check_names("--couplings", self.couplings, ("nodal", "elemental", "lumped"))
-        _check_names("--stabilised", (self.stabilised,), STABILISED)
-        _check_names("--grid", tuple(self.grids), PROBLEMS, empty=True)
-        if not self.ratios or not all(0.1 <= ratio <= 4.0 for ratio in self.ratios):
-            raise CaseError("expected numbers from 0.1 to 4", key="--ratios", value=list(self.ratios))
-        if not all(n >= 8 for n in self.grids.values()):
-            raise CaseError("expected at least 8 cells", key="--grid", value=dict(self.grids))
-        if not -1.0 < self.nu_stab < 0.5:
-            raise CaseError("expected above -1 and below 0.5", key="--nu-stab", value=self.nu_stab)
-        if not self.factor >= 1.0:
-            raise CaseError("expected 1 or more", key="--factor", value=self.factor)
+@dataclass(frozen=True, kw_only=True)
+class Kernels(Benchmark[One, dict[str, float]]):
+    """The study; finished runs that the folder holds, with the same numbers, are not run again."""
 
-    def runs(self) -> list[tuple[StudyProblem, Numerics]]:
-        """Return all runs, kernel by kernel, so that an interrupted study holds whole kernels."""
-        chosen = []
-        for kernel in self.kernels:
-            for problem in (PROBLEMS[name] for name in self.problems):
-                kinds = STABILISED[self.stabilised] if problem.stabilised else (False,)
-                chosen += [
-                    (
-                        problem,
-                        Numerics(
-                            grid=self.grids.get(problem.name, problem.grid),
-                            ratio=ratio,
-                            kernel=kernel,
-                            coupling=coupling,
-                            nu_stab=self.nu_stab if kind else None,
-                        ),
-                    )
-                    for coupling in self.couplings
-                    for kind in kinds
-                    for ratio in self.ratios
-                ]
-        return chosen
+    name = "kernels"
+    keeps = True
 
-    def values(self) -> dict[str, dict[str, float]]:
-        """Return the parameters of each problem in CGS, with overrides."""
-        given = defaultdict(list)
+    problems: tuple[str, ...] = option(
+        tuple(PROBLEMS), "Some of compression, cook, shell.", metavar="P,P", choices=tuple(PROBLEMS)
+    )
+    kernels: tuple[str, ...] = option(
+        tuple(KERNELS), "Kernels, or all.", metavar="K,K|all", choices=tuple(KERNELS), everything=True
+    )
+    ratios: tuple[float, ...] = option(
+        (0.5, 0.75, 1.0, 1.5, 2.0), "Element size over grid spacing.", metavar="R,R", least=0.1, most=4.0
+    )
+    couplings: tuple[str, ...] = option(
+        ("nodal", "elemental"), "nodal, elemental, lumped.", metavar="C,C", choices=COUPLINGS
+    )
+    stabilised: str = option("both", "on, off or both.", choices=tuple(HELD))
+    nu_stab: float = option(0.4, "Numerical Poisson ratio of stabilised runs.", between=(-1.0, 0.5))
+    grids: Mapping[str, int] | None = option(
+        None, "Cells along the box of a problem. Repeatable.", flag="--grid", metavar="PROBLEM=N"
+    )
+    factor: float = option(3.0, "How many times the best error a recommended choice may have.", least=1.0)
+
+    def check(self, values: Values) -> None:
+        """Refuse grids of no problem, and those that are too coarse."""
+        if not self.ratios:
+            raise CaseError("expected numbers from 0.1 to 4", key="--ratios")
+        for name, n in (self.grids or {}).items():
+            if name not in PROBLEMS:
+                raise CaseError(f"expected some of {', '.join(PROBLEMS)}", key="--grid", value=name)
+            if n < 8:
+                raise CaseError("expected at least 8 cells", key=f"--grid {name}", value=n)
+
+    def read(self) -> Values:
+        """Read the parameters of each problem, ``problem.key=value``."""
+        texts = defaultdict(list)
         for text in self.overrides:
             name, dot, rest = text.partition(".")
             if not dot or name not in self.problems:
                 message = "expected PROBLEM.KEY=VALUE, such as cook.t_end='8 s', of a problem in the study"
                 raise CaseError(message, key="--set", value=text)
-            given[name].append(rest)
-        return {name: read_parameters(PROBLEMS[name].parameters, given[name]) for name in self.problems}
+            texts[name].append(rest)
+        return {name: read_parameters(PROBLEMS[name].parameters, texts[name]) for name in self.problems}
 
+    def kinds(self, problem: StudyProblem) -> tuple[bool, ...]:
+        """Return whether a problem is run stabilised and not."""
+        return HELD[self.stabilised] if problem.stabilised else (False,)
 
-def _check_names(
-    key: str, names: Sequence[str], known: Mapping | Sequence[str], *, empty: bool = False
-) -> None:
-    if not (names or empty):
-        raise CaseError(f"expected some of {', '.join(known)}", key=key)
-    for name in names:
-        if name not in known:
-            message = f"expected some of {', '.join(known)}{nearest(name, list(known))}"
-            raise CaseError(message, key=key, value=name)
+    def runs(self) -> list[One]:
+        """Return all runs, kernel by kernel, so that an interrupted study holds whole kernels."""
+        return [
+            One(
+                problem=name,
+                numerics=Numerics(
+                    grid=(self.grids or {}).get(name, PROBLEMS[name].grid),
+                    ratio=ratio,
+                    kernel=kernel,
+                    coupling=coupling,
+                    nu_stab=self.nu_stab if kind else None,
+                ),
+            )
+            for kernel in self.kernels
+            for name in self.problems
+            for coupling in self.couplings
+            for kind in self.kinds(PROBLEMS[name])
+            for ratio in self.ratios
+        ]
 
+    def label(self, run: One) -> str:
+        """Return the name of a run."""
+        return f"{run.problem} {run.numerics.name}"
 
-def run(
-    setup: Setup, *, out: Path, comm: MPI.Comm = MPI.COMM_WORLD, progress: Progress | None = None
-) -> dict[str, object]:
-    """Run the study; finished runs that the folder holds, with the same numbers, are not run again.
+    def place(self, run: One, out: Path) -> Path:
+        """Return the folder of a run."""
+        return out / run.problem / run.numerics.name
 
-    Args:
-        setup: What is run.
-        out: Folder of the results: ``result.json``, ``kernels.csv``, ``kernels.png`` and the runs.
-        comm: Communicator.
-        progress: Called before each run and at the end with the number of runs done, of all, the next run's name and
-            the time left [s], None where not known yet.
+    def values_of(self, run: One) -> Values:
+        """Return the parameters of a run's problem."""
+        return dict(self.values[run.problem])
 
-    Returns:
-        The contents of ``result.json``.
+    def alike(self, run: One) -> list[Hashable]:
+        """Return kinds that a run belongs to, the narrowest first."""
+        name, n = run.problem, run.numerics
+        return [(name, n.coupling, n.ratio), (name, n.coupling), name, ()]
 
-    Raises:
-        CaseError: An override cannot be used.
+    def references(self, comm: MPI.Comm) -> dict[str, float]:
+        """Return the value that each problem's errors are taken against."""
+        return {name: PROBLEMS[name].reference(self.values[name], comm) for name in self.problems}
 
-    Note:
-        Collective.
-    """
-    values, out = setup.values(), Path(out)
-    known = {name: PROBLEMS[name].reference(values[name], comm) for name in setup.problems}
-    lines = _lines(setup, values, known, out, comm, progress)
-    floors = {name: PROBLEMS[name].floor for name in setup.problems}
-    free = [name for name in setup.problems if not PROBLEMS[name].stabilised]
-    found = rules(lines, floors=floors, factor=setup.factor, free=free)
-    result = {
-        "benchmark": "kernels",
-        "parameters": values
-        | {"nu_stab": setup.nu_stab, "factor": setup.factor, "ratios": list(setup.ratios)},
-        "reference": known,
-        "limits": {
-            name: {"leak_percent": PROBLEMS[name].leak, "floor_percent": floors[name]} for name in floors
-        },
-        "runs": lines,
-        "rules": [rule.as_dict() for rule in found],
-        "table": _table(found, lines, setup.factor),
-        "timing": {"wall_s": sum(line["wall_s"] for line in lines)},
-        "environment": environment(comm),
-    }
-    write_result(out, result, comm)
-    if comm.rank == 0:
+    def one(self, run: One, job: Job) -> Record:
+        """Run one problem with one choice."""
+        record = run_halving(PROBLEMS[run.problem], run.numerics, self.values_of(run), job)
+        return {"problem": run.problem, **record}
+
+    def report(self, records: Sequence[Record], known: dict[str, float]) -> Report:
+        """Return a line for each run, and the rules that follow."""
+        lines, chosen = self.lines(records, known), [PROBLEMS[name] for name in self.problems]
+        floors = {problem.name: problem.floor for problem in chosen}
+        free = [problem.name for problem in chosen if not problem.stabilised]
+        found = rules(lines, floors=floors, factor=self.factor, free=free)
+        numbers = {"nu_stab": self.nu_stab, "factor": self.factor, "ratios": list(self.ratios)}
+        limits = {p.name: {"leak_percent": p.leak, "floor_percent": p.floor} for p in chosen}
+        return Report(
+            parameters=self.values | numbers,
+            reference=known,
+            more={"limits": limits, "runs": lines, "rules": [rule.as_dict() for rule in found]},
+            table=_table(found, lines, self.factor),
+        )
+
+    def lines(self, records: Sequence[Record], known: Mapping[str, float]) -> list[Record]:
+        """Return which run each is, its measures, whether it leaks, and why it broke down."""
+        lines = []
+        for record in records:
+            problem, numerics = PROBLEMS[record["problem"]], Numerics(**record["numerics"])
+            measures: dict[str, float | None] = dict.fromkeys(KEYS)
+            if not record["failed"]:
+                measures = problem.measures(record["quantities"], known[problem.name])
+            change = measures["change_percent"]
+            lines.append(
+                {
+                    "problem": problem.name,
+                    "kernel": numerics.kernel,
+                    "coupling": numerics.coupling,
+                    "stabilised": numerics.nu_stab is not None,
+                    "ratio": numerics.ratio,
+                    "mesh_ratio": problem.ratio(numerics),
+                    "grid": numerics.grid,
+                    **measures,
+                    "leaks": change is not None and change > problem.leak,
+                    "failed": record["failed"],
+                    "step_halvings": record["halvings"],
+                    "wall_s": record["wall_s"],
+                }
+            )
+        return lines
+
+    def draw(self, records: Sequence[Record], known: dict[str, float], out: Path) -> None:
+        """Write ``kernels.csv`` and draw errors and changes of area."""
+        lines = self.lines(records, known)
         write_table(out / "kernels.csv", lines)
-        _draw(setup, lines, out / "kernels.png")
-    comm.barrier()
-    return result
+        _draw(self, lines, out / "kernels.png")
 
 
-def _lines(
-    setup: Setup,
-    values: Mapping[str, Mapping[str, float]],
-    known: Mapping[str, float],
-    out: Path,
-    comm: MPI.Comm,
-    progress: Progress | None,
-) -> list[dict[str, object]]:
-    """Return one line of the table for each run, in order (collective)."""
-    runs, lines, watch = setup.runs(), [], TimeLeft()
-    for k, (problem, numerics) in enumerate(runs):
-        if progress is not None:
-            progress(k, len(runs), f"{problem.name} {numerics.name}", watch.left(runs[k:]))
-        folder = out / problem.name / numerics.name
-        record = run_halving(problem, numerics, values[problem.name], folder, comm)
-        watch.add(problem, numerics, record["wall_s"])
-        lines.append(line_of(problem, numerics, record, known[problem.name]))
-        gc.collect()  # frees the communicators of this run's meshes, of which an MPI library has only some thousand
-    if progress is not None:
-        progress(len(runs), len(runs), "", 0.0)
-    return lines
-
-
-def line_of(
-    problem: StudyProblem, numerics: Numerics, record: Mapping, reference: float
-) -> dict[str, object]:
-    """Return a line of the table: which run, its measures, whether it leaks, and why it broke down."""
-    empty = dict.fromkeys(("error_percent", "change_percent", "J_spread", "u_max_cm_s"))
-    measures = empty if record["failed"] else problem.measures(record, reference)
-    change = measures["change_percent"]
-    return {
-        "problem": problem.name,
-        "kernel": numerics.kernel,
-        "coupling": numerics.coupling,
-        "stabilised": numerics.nu_stab is not None,
-        "ratio": numerics.ratio,
-        "mesh_ratio": problem.ratio(numerics),
-        "grid": numerics.grid,
-        **measures,
-        "leaks": change is not None and change > problem.leak,
-        "failed": record["failed"],
-        "step_halvings": record["halvings"],
-        "wall_s": record["wall_s"],
-    }
-
-
-class TimeLeft:
-    """What the rest of a study may take, from the runs of the same kind that are done."""
-
-    def __init__(self) -> None:
-        self.seen: dict[tuple, list[float]] = defaultdict(list)
-
-    def add(self, problem: StudyProblem, numerics: Numerics, wall_s: float) -> None:
-        """Take note of a finished run."""
-        for kind in _kinds(problem, numerics):
-            self.seen[kind].append(wall_s)
-
-    def left(self, runs: Sequence[tuple[StudyProblem, Numerics]]) -> float | None:
-        """Return the time that runs may take [s], None where nothing is known."""
-        if not self.seen:
-            return None
-        return sum(self._expected(problem, numerics) for problem, numerics in runs)
-
-    def _expected(self, problem: StudyProblem, numerics: Numerics) -> float:
-        times = next(self.seen[kind] for kind in _kinds(problem, numerics) if kind in self.seen)
-        return sum(times) / len(times)
-
-
-def _kinds(problem: StudyProblem, numerics: Numerics) -> list[tuple]:
-    """Return the kinds a run belongs to, the narrowest first."""
-    return [
-        (problem.name, numerics.coupling, numerics.ratio),
-        (problem.name, numerics.coupling),
-        (problem.name,),
-        (),
-    ]
-
-
-def write_table(path: Path, lines: Sequence[Mapping[str, object]]) -> None:
+def write_table(path: Path, lines: Sequence[Record]) -> None:
     """Write the lines as CSV; numbers keep all their digits, what is not known is empty."""
     with path.open("w", newline="") as file:
         table = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
@@ -253,7 +191,7 @@ def write_table(path: Path, lines: Sequence[Mapping[str, object]]) -> None:
         table.writerows(lines)
 
 
-def _table(found: Sequence[Rule], lines: Sequence[Mapping], factor: float) -> list[dict[str, object]]:
+def _table(found: Sequence[Rule], lines: Sequence[Record], factor: float) -> list[Row]:
     """Return what is printed: the rule of each choice, then how many runs broke down or leaked."""
     shown = [row("mesh over grid that fits", "", source=f"no leak, error within {factor:g} times the best")]
     shown += [row(rule.name, rule.span or "none", source=rule.text) for rule in found]
@@ -266,20 +204,16 @@ def _table(found: Sequence[Rule], lines: Sequence[Mapping], factor: float) -> li
     return shown
 
 
-def _draw(setup: Setup, lines: Sequence[Mapping], path: Path) -> None:
+def _draw(study: Kernels, lines: Sequence[Record], path: Path) -> None:
     from valvefsi.post.plots.kernel import HeatMap, heat_maps
 
     found = {(r["problem"], r["stabilised"], r["coupling"], r["kernel"], r["ratio"]): r for r in lines}
-    columns = [
-        (PROBLEMS[name], kind)
-        for name in setup.problems
-        for kind in (STABILISED[setup.stabilised] if PROBLEMS[name].stabilised else (False,))
-    ]
+    columns = [(PROBLEMS[name], kind) for name in study.problems for kind in study.kinds(PROBLEMS[name])]
 
     def heat_map(problem: StudyProblem, kind: bool, coupling: str, key: str) -> HeatMap:
         cells = [
-            [found[problem.name, kind, coupling, kernel, ratio] for ratio in setup.ratios]
-            for kernel in setup.kernels
+            [found[problem.name, kind, coupling, kernel, ratio] for ratio in study.ratios]
+            for kernel in study.kernels
         ]
         state = "" if not problem.stabilised else "stabilised: " if kind else "not stabilised: "
         return HeatMap(
@@ -298,9 +232,9 @@ def _draw(setup: Setup, lines: Sequence[Mapping], path: Path) -> None:
             heat_map(problem, kind, coupling, key or change_of(problem)) for problem, kind in columns
         ]
         for word, key in (("error", "error_percent"), ("change of area, spurious velocity", None))
-        for coupling in setup.couplings
+        for coupling in study.couplings
     }
-    heat_maps(path, panels, rows=[SHORT.get(k, k) for k in setup.kernels], columns=setup.ratios)
+    heat_maps(path, panels, rows=[SHORT.get(k, k) for k in study.kernels], columns=study.ratios)
 
 
 LABELS = {"error_percent": "|error| [%]", "change_percent": "area change [%]", "u_max_cm_s": "|u| [cm/s]"}

@@ -58,9 +58,7 @@ class Speed(Benchmark[int, Yardsticks]):
     name = "speed"
     parameters = PARAMETERS
 
-    sizes: tuple[int, ...] = option(
-        (64, 128), "Cells per edge, one or several.", metavar="N,N", least=4
-    )
+    sizes: tuple[int, ...] = option((64, 128), "Cells per edge, one or several.", metavar="N,N", least=4)
     dim: int = option(3, "Dimensions.", least=2, most=3)
     steps: int = option(5, "Steps that are timed, after two that are not.", least=1)
     model: bool = option(False, "Predict steps on many cores too.")
@@ -115,7 +113,9 @@ class Speed(Benchmark[int, Yardsticks]):
             rows.append(row(name, 1e3 * step, grid["step_ms"], "measured here", unit="ms"))
         lines = cost_model.table(machine, cost_model.Network(), solves=self.solves, advection=advection)
         for line in lines:
-            each = f"per core {line['flops']:.2g} flops, {line['bytes']:.2g} bytes, {line['messages']} messages"
+            each = (
+                f"per core {line['flops']:.2g} flops, {line['bytes']:.2g} bytes, {line['messages']} messages"
+            )
             name = f"model: {line['N']}^3, {line['cores']} cores"
             rows.append(row(name, 1e3 * line["step_s"], None, each, unit="ms"))
         return {
@@ -132,7 +132,9 @@ class Speed(Benchmark[int, Yardsticks]):
 
         ranks = records[0]["ranks"]
         heading = f"One fluid step on {ranks} rank{'s' * (ranks > 1)}"
-        phase_bars(out / "speed.png", {f"{r['N']}^{self.dim}": r["phases_ms"] for r in records}, title=heading)
+        phase_bars(
+            out / "speed.png", {f"{r['N']}^{self.dim}": r["phases_ms"] for r in records}, title=heading
+        )
 
 
 def solves_of(parameters: Values) -> int:
@@ -192,9 +194,7 @@ def measure(cells: tuple[int, ...], steps: int, parameters: Values, comm: MPI.Co
     }
 
 
-def _traffic(
-    n: int, dim: int, step: float, parameters: Values, comm: MPI.Comm
-) -> dict[str, float]:
+def _traffic(n: int, dim: int, step: float, parameters: Values, comm: MPI.Comm) -> dict[str, float]:
     """Bytes that a rank must move in a step of a cube, by the count of the cost model, and a triad's in this run."""
     if dim == 2:
         return {}
