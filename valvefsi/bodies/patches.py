@@ -46,7 +46,7 @@ class PatchedSurface(RigidSurface):
 
     Raises:
         StabilityError: A point lies too near to a side, on the rank of the point.
-        ValueError: The normals of a patch point in too different directions, or springs that cannot hold.
+        ValueError: Springs that cannot hold.
     """
 
     def __init__(
@@ -76,25 +76,21 @@ class Patches:
         normals: Unit normal at each point, ``(num_points, 3)``.
         areas: Area of each point, ``(num_points,)`` [cm^2].
 
-    Raises:
-        ValueError: The normals of a patch point in too different directions.
+    Note:
+        A patch around an edge, whose normals differ by more than 60 degrees from their mean, falls apart into points.
     """
 
     def __init__(self, labels: Indices, normals: Array, areas: Array) -> None:
-        together = labels >= 0
-        count = np.bincount(labels[together], minlength=1)
-        together[together] = count[labels[together]] > 1
-        numbers = np.zeros(len(count), dtype=np.int64)
-        kept = np.unique(labels[together])
-        numbers[kept] = np.arange(len(kept))
-        self.labels: Indices = np.where(together, numbers[np.maximum(labels, 0)], -1)
-        self.areas, self.size = areas, len(kept)
-        at, w = self.labels[together], areas[together]
-        self.total = np.bincount(at, w, self.size)
-        mean = np.stack([np.bincount(at, w * n, self.size) for n in normals[together].T], axis=1)
-        mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+        labels = _numbered(labels)
+        means = _means(labels, normals, areas)
+        cosine = (normals * means[labels]).sum(axis=1)
+        edges = np.unique(labels[(labels >= 0) & (cosine < LEAST)])
+        self.labels: Indices = _numbered(np.where(np.isin(labels, edges), -1, labels))
+        together, self.areas = self.labels >= 0, areas
+        self.total = np.bincount(self.labels[together], areas[together])
         self.turns = np.broadcast_to(np.eye(3), (len(labels), 3, 3)).copy()
-        self.turns[together] = _turns(normals[together], mean[at])
+        means = _means(self.labels, normals, areas)
+        self.turns[together] = _turns(normals[together], means[self.labels[together]])
 
     def on(self, ids: Indices, comm: MPI.Intracomm) -> LocalPatches:
         """Return what a rank needs that holds the points with these numbers."""
@@ -105,7 +101,7 @@ class LocalPatches:
     """The projection P for the points of this rank."""
 
     def __init__(self, patches: Patches, ids: Indices, comm: MPI.Intracomm) -> None:
-        self.comm, self.size, self.total = comm, patches.size, patches.total
+        self.comm, self.size, self.total = comm, len(patches.total), patches.total
         self.here = np.flatnonzero(patches.labels[ids] >= 0)
         held = ids[self.here]
         self.labels, self.areas, self.turns = patches.labels[held], patches.areas[held], patches.turns[held]
@@ -123,14 +119,27 @@ class LocalPatches:
         return out
 
 
+def _numbered(labels: Indices) -> Indices:
+    """Return labels 0, 1, ... of patches with at least two points; -1 for all other points."""
+    _, at, count = np.unique(labels, return_inverse=True, return_counts=True)
+    together = (labels >= 0) & (count[at] > 1)
+    numbers = np.full(len(labels), -1, dtype=np.int64)
+    numbers[together] = np.unique(labels[together], return_inverse=True)[1]
+    return numbers
+
+
+def _means(labels: Indices, normals: Array, areas: Array) -> Array:
+    """Return the mean unit normal of each patch, with a last row for the points by themselves, ``(m + 1, 3)``."""
+    together = labels >= 0
+    at, w = labels[together], areas[together]
+    mean = np.stack([np.bincount(at, w * n) for n in normals[together].T], axis=1)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
+    return np.concatenate([mean, [[0.0, 0.0, 0.0]]])
+
+
 def _turns(normals: Array, to: Array) -> Array:
     """Return the smallest rotations that take unit vectors to others, ``(n, 3, 3)``."""
     cosine = (normals * to).sum(axis=1)
-    if len(cosine) and cosine.min() < LEAST:
-        message = (
-            "the normals of a patch differ by more than 60 degrees: the surface is too coarse or has an edge"
-        )
-        raise ValueError(message)
     x, y, z = np.cross(normals, to).T
     zero = np.zeros_like(x)
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)

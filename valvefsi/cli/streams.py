@@ -1,4 +1,4 @@
-"""``valvefsi bench taylor-green``, ``cylinder``, ``channel``, ``cavity`` and ``plug``: no deformable solids."""
+"""``valvefsi bench taylor-green``, ``cylinder``, ``channel``, ``cavity``, ``plug``, ``tube``: no deformable solids."""
 
 from __future__ import annotations
 
@@ -73,6 +73,19 @@ def cavity(
 def plug(overrides: Set = None, out: Out = None) -> None:
     """What leaks through the aortic test section, shut by a plug, under 100 mmHg."""
     _run("plug", out, overrides=overrides or ())
+
+
+@streams.command("tube")
+def tube(
+    grid: Annotated[
+        str, typer.Option("--grid", metavar="H", help="Grid spacing; the tube is 25 mm wide.")
+    ] = "1 mm",
+    angle: Annotated[int, typer.Option(help="Angle of the tube to the grid: 0, 20 or 45 degrees.")] = 0,
+    overrides: Set = None,
+    out: Out = None,
+) -> None:
+    """Flow in a tube of held points, from rest until long after it has settled, against the closed form."""
+    _run("tube", out, angle=angle, overrides=[f"h={grid}", *(overrides or ())])
 
 
 def _run(name: str, out: Path | None, **options: object) -> None:

@@ -160,6 +160,19 @@ def stent_height(valve: ValveGeometry, phi: Array) -> Array:
     return np.where(np.abs(u) >= 1.0 - 1e-9, valve.height, attached)
 
 
+def attachment_line(valve: ValveGeometry, height: float, num_points: int) -> Array:
+    """Return points of the line where the leaflets meet the stent, ``(num_points, 3)`` [cm].
+
+    Args:
+        valve: The valve.
+        height: z of the lowest point of its attachment [cm].
+        num_points: Number of points around the axis.
+    """
+    phi = 2.0 * math.pi * np.arange(num_points) / num_points
+    circle = valve.radius * np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    return np.concatenate([circle, height + stent_height(valve, phi)[:, None]], axis=1)
+
+
 def plug(radius: float, z: float, h: float) -> PointSurface:
     """Return a disk that closes a tube, in rings of points; for tests of leaks."""
     rings = math.ceil(radius / (SPACING * h))

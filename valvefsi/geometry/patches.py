@@ -19,7 +19,10 @@ SINGLE = -1
 
 
 def patch_labels(
-    surfaces: Sequence[PointSurface], h: float, bounds: tuple[float, float] | None = None
+    surfaces: Sequence[PointSurface],
+    h: float,
+    bounds: tuple[float, float] | None = None,
+    seam: Array | None = None,
 ) -> Indices:
     """Return the patch of each point of the surfaces one after the other, `SINGLE` for points held one by one.
 
@@ -29,6 +32,7 @@ def patch_labels(
         surfaces: The surfaces.
         h: Grid spacing [cm].
         bounds: z at which the surfaces end at a side of the box [cm]; None where they do not.
+        seam: Points of a line at which something else is attached to them, ``(m, 3)`` [cm].
 
     Returns:
         Labels, ``(n,)``, the same on all ranks; no patch has points of two surfaces.
@@ -40,6 +44,7 @@ def patch_labels(
         first = int(own.max(initial=first - 1)) + 1
         near = np.zeros(len(own), dtype=bool)
         others = [other.points for j, other in enumerate(surfaces) if j != k]
+        others += [] if seam is None else [seam]
         if others:
             near |= cKDTree(np.concatenate(others)).query(surface.points)[0] < SEAM * h
         if bounds is not None:
