@@ -87,7 +87,7 @@ class Patches:
         edges = np.unique(labels[(labels >= 0) & (cosine < LEAST)])
         self.labels: Indices = _numbered(np.where(np.isin(labels, edges), -1, labels))
         together, self.areas = self.labels >= 0, areas
-        self.total = np.bincount(self.labels[together], areas[together])
+        self.total = np.bincount(self.labels[together], areas[together]).astype(float)
         self.turns = np.broadcast_to(np.eye(3), (len(labels), 3, 3)).copy()
         means = _means(self.labels, normals, areas)
         self.turns[together] = _turns(normals[together], means[self.labels[together]])
@@ -132,7 +132,7 @@ def _means(labels: Indices, normals: Array, areas: Array) -> Array:
     """Return the mean unit normal of each patch, with a last row for the points by themselves, ``(m + 1, 3)``."""
     together = labels >= 0
     at, w = labels[together], areas[together]
-    mean = np.stack([np.bincount(at, w * n) for n in normals[together].T], axis=1)
+    mean = np.stack([np.bincount(at, w * n).astype(float) for n in normals[together].T], axis=1)
     mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
     return np.concatenate([mean, [[0.0, 0.0, 0.0]]])
 
