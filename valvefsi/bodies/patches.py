@@ -108,6 +108,8 @@ class LocalPatches:
 
     def mean(self, v: Array) -> Array:
         """Return P v, ``(n, 3)``; points by themselves keep theirs (collective)."""
+        if not len(self.total):
+            return v
         turned = np.einsum("nij,nj->ni", self.turns, v[self.here])
         turned *= self.areas[:, None]
         sums = np.stack([np.bincount(self.labels, c, self.size) for c in turned.T], axis=1)
