@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from valvefsi.benchmarks.parameters import defaults
+from valvefsi.benchmarks.static_study import Setup, run_study
 
 from tests.solid.pointwise import Pointwise
 from valvefsi.benchmarks import hgo_strip, land, thick_shells
-from valvefsi.benchmarks.parameters import defaults
-from valvefsi.benchmarks.static_study import Setup, run_study
 from valvefsi.errors import CaseError
 from valvefsi.geometry.benchmark_shapes import truncated_ellipsoid
 from valvefsi.geometry.shapes import box

@@ -9,10 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mpi4py import MPI
-
-from tests.coupled_case import moved
-from valvefsi import fsi
-from valvefsi.benchmarks import turek
 from valvefsi.benchmarks.turek import COLUMNS, Setup, Watch
 from valvefsi.benchmarks.turek_model import (
     CENTRE,
@@ -30,6 +26,10 @@ from valvefsi.benchmarks.turek_model import (
     inflow,
 )
 from valvefsi.benchmarks.turek_signals import oscillation, whole_periods
+
+from tests.coupled_case import moved
+from valvefsi import fsi
+from valvefsi.benchmarks import turek
 from valvefsi.errors import CaseError, StabilityError
 from valvefsi.run.recording import Output
 
