@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path, PurePosixPath
 
 import pytest
+
+from tests.conftest import ONE_RANK
 
 PACKAGE = Path(__file__).parents[1] / "valvefsi"
 TESTS = Path(__file__).parent
@@ -191,6 +194,25 @@ def test_a_broken_rule_is_noticed(where, source, fault):
 @pytest.mark.parametrize(("where", "source"), GOOD, ids=[where for where, _ in GOOD])
 def test_what_the_rules_allow_passes(where, source):
     assert faults_of(source, where) == []
+
+
+def test_what_is_left_out_on_several_ranks_is_there_and_knows_of_none():
+    for name in ONE_RANK:
+        path = TESTS / name
+        assert path.exists(), f"{name} is in the list of conftest.py but not here"
+        for file in [path] if path.is_file() else path.rglob("test_*.py"):
+            if file.name != Path(__file__).name:
+                ranked = re.findall(
+                    r"\bcomm\b|shared_tmp|COMM_WORLD|MacGrid", file.read_text(encoding="utf-8")
+                )
+                assert not ranked, f"{file.name} names {ranked[0]}: it may differ between ranks"
+
+
+def test_every_folder_of_tests_runs_on_several_ranks_or_is_left_out_by_name():
+    makefile = (TESTS.parent / "Makefile").read_text(encoding="utf-8")
+    parts = makefile.split("\nPARTS := ")[1].split("\n\n")[0]
+    folders = {path.parent.relative_to(TESTS).parts[0] for path in TESTS.glob("*/**/test_*.py")}
+    assert folders <= {*re.findall(r"tests/(\w+)", parts), *ONE_RANK}
 
 
 def test_the_package_is_found():
