@@ -1,4 +1,4 @@
-"""Newton's method, with a line search where full steps fail: PETSc's SNES on a DOLFINx residual, linear systems by MUMPS."""
+"""Newton's method, full steps first, then with a line search: PETSc's SNES, linear systems by MUMPS."""
 
 from __future__ import annotations
 
