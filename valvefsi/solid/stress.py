@@ -220,6 +220,8 @@ def stress_of_solution(solution: StaticSolution, material: Material, **options: 
 
 def stress_of_structure(structure: Structure, **options: object) -> Stress:
     """Return the stress of a structure at the position its `force` was last called with (collective)."""
+    if structure.discretisation.element == "solid_shell":
+        return structure.elasticity.stress(**options)
     position = structure.elasticity.position
     return Stress(position, structure.material, of_position=True, kappa=structure.kappa, **options)
 

@@ -21,6 +21,7 @@ from valvefsi.solid.lumping import lumped_weights, surface_area
 from valvefsi.solid.materials import Volumetric, kappa_stab, stabilisation
 from valvefsi.solid.moving_tether import MovingTether
 from valvefsi.solid.numbering import number_nodes
+from valvefsi.solid.shell_elasticity import ShellElasticity, split
 from valvefsi.solid.viscosity import Viscosity
 
 if TYPE_CHECKING:
@@ -32,6 +33,10 @@ if TYPE_CHECKING:
     from valvefsi.solid.materials import Material
 
     Array = NDArray[np.float64]
+
+
+ELEMENTS = ("lagrange", "solid_shell")
+"""Elements by the name a case file uses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +51,11 @@ class Discretisation:
         kappa: Numerical bulk modulus instead of the one that nu_stab gives, 0 for off [dyn/cm^2].
         volumetric_degree: Degree of the quadrature of what kappa adds to the bulk modulus of nu_stab, which keeps
             that of the forces and with it single points from inverting; None for that of the forces everywhere.
+        element: "lagrange", or "solid_shell" for thin incompressible bodies of hexahedra, see
+            `valvefsi.solid.shell_kinematics`: they bend without locking, one or two through the thickness.
     """
 
+    element: str = "lagrange"
     degree: int = 1
     quadrature_degree: int | None = None
     kernel: str = "bspline3"
@@ -58,6 +66,7 @@ class Discretisation:
     def __post_init__(self) -> None:
         if self.degree not in (1, 2):
             raise CaseError("expected 1 or 2", key="degree", value=self.degree)
+        self._check_element()
         if self.quadrature_degree is None:
             object.__setattr__(self, "quadrature_degree", 2 * self.degree + 1)
         if not 1 <= self.quadrature_degree <= 30:
@@ -68,6 +77,18 @@ class Discretisation:
         if self.volumetric_degree is not None and self.kappa is None:
             message = "it is the quadrature of what kappa adds to the bulk modulus of nu_stab; give kappa"
             raise CaseError(message, key="volumetric_degree", value=self.volumetric_degree)
+
+    def _check_element(self) -> None:
+        """Refuse an unknown element, and what solid-shell elements have no use for."""
+        if self.element not in ELEMENTS:
+            raise CaseError(f"expected one of {', '.join(ELEMENTS)}", key="element", value=self.element)
+        if self.element == "solid_shell":
+            for key, usual in {"degree": 1, "quadrature_degree": None, "volumetric_degree": None}.items():
+                if getattr(self, key) != usual:
+                    message = (
+                        "solid-shell elements are of degree 1 with a quadrature of their own; leave it out"
+                    )
+                    raise CaseError(message, key=key, value=getattr(self, key))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,8 +190,16 @@ class Structure:
         self._place_nodes()
         self._assemble_supports()
         degree = discretisation.quadrature_degree
-        self.elasticity = Elasticity(self.space, material, self._volumetric_parts(), degree, mesh.fibres)
+        self.elasticity = self._elements(degree)
         self.viscosity = Viscosity(self.space, given.viscosity, degree) if given.viscosity > 0 else None
+
+    def _elements(self, degree: int) -> Elasticity | ShellElasticity:
+        """Return what computes the elastic forces."""
+        given = self.discretisation
+        if given.element == "solid_shell":
+            parts = split(self.material, self.nu_stab, given.kappa, given.volumetric)
+            return ShellElasticity(self.mesh, self.space, self.material, *parts)
+        return Elasticity(self.space, self.material, self._volumetric_parts(), degree, self.mesh.fibres)
 
     def _volumetric_parts(self) -> list[tuple[Volumetric, int]]:
         """Return the volumetric energies and the degrees of their quadratures."""
