@@ -85,8 +85,8 @@ class ShellElasticity:
             raise CaseError("solid-shell elements are of degree 1", key="degree")
         self.space, self.mesh, self.dim = space, space.mesh, 3
         self.position = fem.Function(space, name="chi")
-        self._num_cells = self.mesh.topology.index_map(3).size_local
         axes = thickness_axes(mesh)
+        self._num_cells = self.mesh.topology.index_map(3).size_local
         self.corners = through_last(np.tile(np.arange(8, dtype=np.int32), (self._num_cells, 1)), axes)
         nodes = through_last(space.dofmap.list[: self._num_cells], axes)
         X = (
