@@ -9,7 +9,7 @@ from mpi4py import MPI
 from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.case.models import Case
 from valvefsi.case.valve_tables import ValveShape
-from valvefsi.coupling.kernels import largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError, raise_together
 from valvefsi.geometry.aortic_section import joined
@@ -25,6 +25,8 @@ KERNEL = "piecewise_linear"
 
 def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
     """Mesh the leaflets of a valve for a grid of spacing h, with fibre fields fibre_1, ... and fibre, the first.
+
+    The leaflets' own directions are the fields circumferential and radial.
 
     Note:
         Collective.

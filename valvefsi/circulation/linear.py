@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import expm, get_lapack_funcs
 
-from valvefsi.types import Array, Indices
+from valvefsi.circulation.sampling import Sampling, Steps
+from valvefsi.types import Array
 
-SAME_STEP = 1e-12
-"""Steps that differ by less, relative to the median step, share one matrix exponential."""
 STEP = 1e-30
 """Complex step of derivatives; small enough that nothing of second order is left."""
 SINGULAR = 1e-10
@@ -43,38 +42,6 @@ class CircuitState:
     t: float
     x: Array
     u: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Sampling:
-    """The times of a record, its intervals sorted by size: intervals alike share a matrix exponential.
-
-    Attributes:
-        t: Increasing times, ``(n,)`` [s].
-        sizes: Sizes of the intervals, each once [s].
-        which: Number of the size of each interval, ``(n - 1,)``.
-    """
-
-    t: Array
-    sizes: Array
-    which: Indices
-
-    @classmethod
-    def of(cls, t: Array | Sampling) -> Sampling:
-        """Sort the intervals of times; a sampling is returned as it is.
-
-        Raises:
-            ValueError: The times do not increase, or there is only one.
-        """
-        if isinstance(t, Sampling):
-            return t
-        t = np.asarray(t, dtype=float)
-        step = np.diff(t)
-        if len(step) == 0 or not step.min() > 0:
-            raise ValueError("expected two increasing times or more")
-        unit = SAME_STEP * np.median(step)
-        _, first, which = np.unique(np.round(step / unit), return_index=True, return_inverse=True)
-        return cls(t=t, sizes=step[first], which=which)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,8 +136,7 @@ class LinearSystem:
         Returns:
             ``(n, num_states)``.
         """
-        E, forcing = self._steps(t, u)
-        return _recur(E, forcing, np.asarray(x))
+        return _recur(*self._driven(Sampling.of(t), u), np.asarray(x))
 
     def outputs(self, x: Array, u: Array) -> Array:
         """Return y = C x + D u at all samples, ``(n,)``."""
@@ -195,8 +161,7 @@ class LinearSystem:
         if m == 0:
             return np.zeros(0)
         sampling = Sampling.of(t)
-        E, forcing = self._steps(sampling, u)
-        forced = _recur(E, forcing, np.zeros(m))[-1]
+        forced = _recur(*self._driven(sampling, u), np.zeros(m))[-1]
         gap = np.eye(m) - expm(self.A * (sampling.t[-1] - sampling.t[0]))
         if np.linalg.svd(gap.real, compute_uv=False)[-1] < SINGULAR:
             raise ValueError("the circuit has no periodic steady state: a compliance cannot empty")
@@ -227,17 +192,19 @@ class LinearSystem:
         """
         sampling, m = Sampling.of(t), len(self.states)
         columns = len(moved) if start is None else start.shape[1]
-        E = self.propagators(sampling.sizes)[0]
+        steps = self._steps(sampling)
+        E = steps.spread(self.propagators(steps.dt)[0])
         forcing = np.zeros((len(sampling.t) - 1, m, columns))
         slope = np.zeros((len(sampling.t), columns))
+        if moved and m:
+            slopes = [np.concatenate(other.propagators(steps.dt), axis=2).imag / STEP for other in moved]
+            along = np.concatenate([x[:-1], u[:-1], u[1:]], axis=1)
+            pushed = steps.apply(np.concatenate(slopes, axis=1), along)
+            forcing[:, :, : len(moved)] = pushed.reshape(len(pushed), len(moved), m).transpose(0, 2, 1)
         for i, other in enumerate(moved):
-            dE, dG0, dG1 = (part.imag / STEP for part in other.propagators(sampling.sizes))
-            for part, along in ((dE, x[:-1]), (dG0, u[:-1]), (dG1, u[1:])):
-                forcing[:, :, i] += _apply(part, sampling.which, along)
             slope[:, i] = x @ (other.C.imag / STEP) + u @ (other.D.imag / STEP)
         if m == 0:
             return slope
-        E = E if len(E) == 1 else E[sampling.which]
         if start is None:
             forced = _recur(E, forcing, np.zeros((m, columns)))[-1]
             start = np.linalg.solve(np.eye(m) - expm(self.A * (sampling.t[-1] - sampling.t[0])), forced)
@@ -247,12 +214,16 @@ class LinearSystem:
         """Return the states that constant inputs lead to, -A^-1 B u."""
         return np.linalg.solve(self.A, -self.B @ np.asarray(u)) if self.states else np.zeros(0)
 
-    def _steps(self, t: Array | Sampling, u: Array) -> tuple[Array, Array]:
-        """Return E of each interval (one, where all are alike), and what its inputs add."""
-        sampling = Sampling.of(t)
-        E, G0, G1 = self.propagators(sampling.sizes)
-        u, which = np.asarray(u), sampling.which
-        return E if len(E) == 1 else E[which], _apply(G0, which, u[:-1]) + _apply(G1, which, u[1:])
+    def _steps(self, sampling: Sampling) -> Steps:
+        """Return the sizes at which the matrices of a record's intervals are computed."""
+        return sampling.steps(float(np.abs(self.A.real).sum(axis=1).max(initial=0.0)))
+
+    def _driven(self, sampling: Sampling, u: Array) -> tuple[Array, Array]:
+        """Return E of each interval (one, where all are alike), and what its inputs ``(n, num_inputs)`` add."""
+        steps, u = self._steps(sampling), np.asarray(u)
+        E, G0, G1 = self.propagators(steps.dt)
+        inputs = np.concatenate([u[:-1], u[1:]], axis=1)
+        return steps.spread(E), steps.apply(np.concatenate([G0, G1], axis=2), inputs)
 
 
 class Circuit(Protocol):
@@ -314,13 +285,6 @@ def check_values(owner: object, positive: tuple[str, ...], not_negative: tuple[s
         if not np.isfinite(value) or value < 0 or (name in positive and value == 0):
             least = "above zero" if name in positive else "zero or above"
             raise ValueError(f"{name} = {value!r}: expected a finite number {least}")
-
-
-def _apply(matrices: Array, which: Indices, vectors: Array) -> Array:
-    """Return the product of each interval's matrix and vector, ``(n - 1, num_states)``."""
-    if len(matrices) == 1:
-        return vectors @ matrices[0].T
-    return np.einsum("nij,nj->ni", matrices[which], vectors)
 
 
 def _recur(E: Array, forcing: Array, x: Array) -> Array:

@@ -15,7 +15,7 @@ import typer
 
 from valvefsi.benchmarks.registry import Entry
 from valvefsi.cli.bench_progress import announced
-from valvefsi.cli.options import HELP, Out, Plan, Resume
+from valvefsi.cli.options import HELP, Out, Overwrite, Plan, Resume
 from valvefsi.cli.tables import show_result
 from valvefsi.errors import CaseError
 
@@ -109,8 +109,15 @@ def command_of(benchmark: type[Command]) -> Callable[..., None]:
     if hasattr(benchmark, "plan"):
         arguments.append(_argument("plan", Plan, False))
 
-    def command(out: Path | None, resume: bool = False, plan: bool = False, **chosen: Any) -> None:
+    if hasattr(benchmark, "overwrite"):
+        arguments.append(_argument("overwrite", Overwrite, False))
+
+    def command(
+        out: Path | None, resume: bool = False, plan: bool = False, overwrite: bool = False, **chosen: Any
+    ) -> None:
         one = benchmark(**{name: kinds[name].read(value) for name, value in chosen.items()})
+        if overwrite:
+            one = one.overwrite()  # type: ignore[attr-defined]
         execute(one, out, resume=resume, plan=plan)
 
     command.__signature__ = inspect.Signature(arguments)  # type: ignore[attr-defined]

@@ -441,14 +441,3 @@ def interpolate(U: Array, x: Array, u: Faces, kind: Kind, grid: Geometry, rows: 
                 interpolate_block(U, base, room, v, part, strides_of(v, len(u)), (outer, across, normal))
             else:
                 interpolate_block(U, base, room, v, part, strides_of(v, len(u)), (outer, normal, across))
-
-
-def largest_square_sum(name: str) -> float:
-    """Return the largest sum of squares of a kernel's weights over all shifts."""
-    family, _, points = KERNELS[name]
-    sums = []
-    for s in np.linspace(0.0, 1.0, 101):
-        w = np.zeros(points)
-        weights_at(w, family, points, s)
-        sums.append(float((w**2).sum()))
-    return max(sums)

@@ -8,6 +8,8 @@ adjoint by construction. Beyond a side whose velocity is given both use its mirr
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from mpi4py import MPI
 
@@ -32,6 +34,8 @@ class Coupling:
 
     nodal = True
     """Whether the nodes themselves are the points."""
+    gap = math.inf
+    """Largest distance of neighbouring points that is let be [cm]: that of the nodes."""
 
     def __init__(self, grid: MacGrid, kernel: str, signs: mirrors.Signs | None = None) -> None:
         if kernel not in kernels.KERNELS:

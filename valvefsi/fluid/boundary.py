@@ -390,6 +390,31 @@ class Boundary:
         local = self._integral(place, u[place.axis][place.at(place.face)]) * (1.0 if place.upper else -1.0)
         return self.grid.comm.allreduce(local)
 
+    def power(
+        self, u: Faces, p: Array, rho: float, t: float, pressures: Mapping[str, float] | None = None
+    ) -> dict[str, tuple[float, float]]:
+        """Return what comes in through each side where fluid passes: power of the pressure, and kinetic energy [erg/s].
+
+        Args:
+            u: Velocity with filled ghosts [cm/s].
+            p: Pressure with filled ghosts, for sides with a given velocity [dyn/cm^2].
+            rho: Density [g/cm^3].
+            t: Time of the given pressures [s].
+            pressures: Pressure by name of the side, in place of its own [dyn/cm^2].
+
+        Note:
+            Collective. On an open side the velocity along it is zero.
+        """
+        local = {place.name: np.zeros(2) for place in self.places if not isinstance(place.side, FreeSlip)}
+        on_sides = {place.name: value for place, value in self._side_pressures(u, rho, t, pressures)}
+        for place in self.places:
+            if place.name in local and place.here:
+                inward = u[place.axis][place.at(place.face)] * (-1.0 if place.upper else 1.0)
+                side = on_sides.get(place.name, p[place.at(place.inside)])
+                energy = 0.5 * rho * inward**2
+                local[place.name] += [self._integral(place, e * inward) for e in (side, energy)]
+        return {name: tuple(self.grid.comm.allreduce(values)) for name, values in local.items()}
+
     def _integral(self, place: Place, values: ArrayLike) -> float:
         """Integral over this rank's part of a side of ``(.., 1, ..)`` local entries."""
         if not place.here:

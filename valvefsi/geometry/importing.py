@@ -16,6 +16,7 @@ import numpy as np
 
 from valvefsi.errors import CaseError
 from valvefsi.geometry.mesh import _quiet_gmsh
+from valvefsi.runtime.mesh_files import read_mesh_file
 
 if TYPE_CHECKING:
     from valvefsi.types import Array, Gmsh, Indices
@@ -35,7 +36,7 @@ def import_mesh(
     """Make a mesh file that a case can use of a surface or volume mesh.
 
     Args:
-        path: Closed surface (.stl, or triangles) or volume mesh (.msh, .vtu, .vtk, .xdmf ...).
+        path: Closed surface (.stl, or triangles) or volume mesh (.msh, .vtu, .vtk, .xdmf).
         out: The gmsh file to write, .msh.
         scale: Length of the file's unit [cm].
         size: Largest edge of the tetrahedra that fill a surface, as the surface's triangles if left out [cm].
@@ -48,8 +49,6 @@ def import_mesh(
         CaseError: The file cannot be read, its surface is not closed, or it holds no volume.
     """
     path, out = Path(path), Path(out)
-    if not path.is_file():
-        raise CaseError("no such mesh file", file=path)
     if out.suffix != ".msh":
         raise CaseError("expected a name that ends in .msh", key="--out", value=str(out))
     if not 0 < scale < math.inf or (size is not None and not 0 < size < math.inf):
@@ -70,14 +69,7 @@ def import_mesh(
 
 def _read(path: Path) -> tuple[Array, dict[str, Indices]]:
     """Read points and cells, points at one place made one."""
-    import meshio
-
-    try:
-        # meshio takes the text of an STL file for the number of its triangles first, which overflows.
-        with np.errstate(over="ignore"):
-            mesh = meshio.read(path)
-    except (OSError, meshio.ReadError, SystemExit, ValueError, KeyError) as error:
-        raise CaseError(f"cannot read this file: {error}", file=path) from None
+    mesh = read_mesh_file(path)
     points = np.asarray(mesh.points, dtype=float)
     points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     extent = float(np.ptp(points, axis=0).max(initial=0.0))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import shutil
+import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +18,7 @@ from valvefsi.runtime import dolfinx_compat as compat
 import basix
 
 from valvefsi.errors import CaseError, raise_together
+from valvefsi.runtime.mesh_files import check_beginning
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -99,12 +102,17 @@ def read_mesh(path: str | Path, comm: MPI.Comm) -> SolidMesh:
     path = Path(path)
 
     def build(gmsh: Gmsh) -> None:
-        if not path.is_file():
-            raise CaseError("no such mesh file", file=path)
-        try:
-            gmsh.open(str(path))
-        except Exception as error:  # gmsh raises nothing narrower
-            raise CaseError(f"gmsh cannot read this file: {error}", file=path) from error
+        check_beginning(path, ("gmsh",))
+        # Gmsh runs what it takes for a script, and NAME.opt beside a file; a copy under our name has neither.
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / "mesh.msh"
+            shutil.copyfile(path, copy)
+            try:
+                check_beginning(copy)
+                gmsh.open(str(copy))
+            except Exception as error:  # gmsh raises nothing narrower
+                reason = str(error).replace(str(copy), path.name)
+                raise CaseError(f"gmsh cannot read this file: {reason}", file=path) from None
 
     return mesh_from_gmsh(build, comm, source=str(path))
 

@@ -11,6 +11,7 @@ Ranks form a grid over axes 0 and 1; axis 2 is never divided.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -25,6 +26,31 @@ UNIFORM = 1e-9
 
 DEPTH = 1.0
 """Thickness of a two-dimensional grid [cm]."""
+
+
+def _free(comm: MPI.Comm, _: int, along: dict[int, tuple[MPI.Comm, MPI.Comm]]) -> None:
+    for pair in along.values():
+        for part in pair:
+            part.Free()
+
+
+ALONG_AXES = MPI.Comm.Create_keyval(delete_fn=_free)
+
+
+def _along_axes(comm: MPI.Comm, n1: int) -> tuple[MPI.Comm, MPI.Comm]:
+    """Return the communicators along each divided axis: all ranks that share the other coordinate.
+
+    They stay with the communicator that they divide, for every grid on it: an MPI library has only some two thousand,
+    and to free one is collective, which the end of an object in Python is not.
+    """
+    along: Any = comm.Get_attr(ALONG_AXES)
+    if along is None:
+        along = {}
+        comm.Set_attr(ALONG_AXES, along)
+    if n1 not in along:
+        along[n1] = comm.Split(comm.rank % n1), comm.Split(comm.rank // n1)
+    pair: tuple[MPI.Comm, MPI.Comm] = along[n1]
+    return pair
 
 
 class MacGrid:
@@ -166,12 +192,7 @@ class MacGrid:
         self.shape = tuple(n + 2 * g for n, g in zip(self.size, self.ghosts, strict=True))
         x, y, z = (slice(g, g + n) for n, g in zip(self.size, self.ghosts, strict=True))
         self.owned = (x, y, z)
-        # Communicators along each divided axis: all ranks that share the other coordinate.
-        self.axis_comms = (
-            (self.comm, MPI.COMM_SELF)
-            if n1 == 1
-            else (self.comm.Split(self.position[1]), self.comm.Split(self.position[0]))
-        )
+        self.axis_comms = (self.comm, MPI.COMM_SELF) if n1 == 1 else _along_axes(self.comm, n1)
 
     def owned_faces(self, d: int) -> Slices:
         """Slices of the owned faces of component d, boundary face ``n`` included on its last rank."""

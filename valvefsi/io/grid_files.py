@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from valvefsi.errors import CaseError
+from valvefsi.io.series import read_times
 from valvefsi.types import Array
 
 TYPES = {"Float32": np.float32, "Float64": np.float64}
@@ -48,17 +49,13 @@ def times_of(series: Path) -> list[tuple[float, Path]]:
         series: The list of times, ``NAME.pvd``.
 
     Raises:
-        CaseError: The list is missing, cannot be read, or names no file that exists.
+        CaseError: The list is missing, cannot be read, or names no file that is complete.
     """
     series = Path(series)
     if not series.is_file():
         raise CaseError("no such series; was the run made with output.frames?", file=series)
-    try:
-        items = list(ET.parse(series).getroot().iter("DataSet"))
-    except ET.ParseError as error:
-        raise CaseError(f"this is not a ParaView series: {error}", file=series) from None
-    every = [(float(item.attrib["timestep"]), series.parent / item.attrib["file"]) for item in items]
-    found = sorted(entry for entry in every if _is_complete(entry[1]))
+    found = [(t, series.parent / name) for t, name in read_times(series)]
+    found = sorted(entry for entry in found if _is_complete(entry[1]))
     if not found:
         raise CaseError("the series has no complete files yet", file=series)
     return found
@@ -75,7 +72,7 @@ def _is_complete(path: Path) -> bool:
                 file.seek(-min(len(END) + 8, piece.stat().st_size), 2)
                 if not file.read().rstrip().endswith(END):
                     return False
-    except (OSError, ET.ParseError):
+    except Exception:  # a damaged file fails anywhere
         return False
     return bool(pieces)
 
@@ -111,7 +108,7 @@ def read_grid(path: Path, t: float = 0.0) -> GridFields:
                 np.array(whole.attrib[key].split(), dtype=float) for key in ("Origin", "Spacing")
             )
             edges = [o + h * np.arange(n + 1) for o, h, n in zip(origin, spacing, cells, strict=True)]
-    except (OSError, ET.ParseError, StopIteration, KeyError, IndexError, ValueError, zlib.error) as error:
+    except Exception as error:  # a damaged file fails anywhere
         raise CaseError(f"this file of a fluid series cannot be read: {error}", file=path) from None
     return GridFields(t=t, edges=(edges[0], edges[1], edges[2]), fields=fields)
 

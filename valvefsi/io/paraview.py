@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 import sys
+import warnings
 import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,7 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valvefsi.errors import raise_together
+from valvefsi.errors import CaseError, raise_together
+from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import Body, write_body
 from valvefsi.types import Array, Indices
 
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 BYTE_ORDER = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
 FILE = {"version": "1.0", "byte_order": BYTE_ORDER, "header_type": "UInt64"}
 PACKED = {**FILE, "compressor": "vtkZLibDataCompressor"}
+END = b"</VTKFile>"
 BLOCK = 1 << 20
 """Bytes that are compressed together."""
 FIELDS = (("velocity", 3), ("pressure", 1))
@@ -281,7 +284,7 @@ class _Index:
         try:
             if comm.rank == 0:
                 self._start(resume_time)
-        except (OSError, ET.ParseError) as failure:
+        except (OSError, CaseError) as failure:
             error = failure
         raise_together(comm, error)
         self.entries = comm.bcast(self.entries, root=0)
@@ -290,13 +293,15 @@ class _Index:
         """Keep what was written up to the time of the checkpoint; remove the files of later times."""
         self.folder.mkdir(parents=True, exist_ok=True)
         if resume_time is not None and self.path.exists():
-            sets = ET.parse(self.path).getroot().iter("DataSet")
-            entries = [(float(item.attrib["timestep"]), item.attrib["file"]) for item in sets]
-            self.entries = [entry for entry in entries if entry[0] <= resume_time]
+            self.entries = [entry for entry in read_times(self.path) if entry[0] <= resume_time]
+            if not self.path.read_bytes().rstrip().endswith(END):
+                warnings.warn(
+                    f"{self.path} was cut off; it goes on after {len(self.entries)} times", stacklevel=2
+                )
         kept = {Path(file).stem for _, file in self.entries}
         for path in self.folder.iterdir():
             stem = path.stem[: len(self.folder.name) + 7]
-            if stem.startswith(f"{self.folder.name}_") and stem not in kept:
+            if stem.startswith(f"{self.folder.name}_") and stem not in kept and path.is_file():
                 path.unlink()
         self._save()
 

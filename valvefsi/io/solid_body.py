@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valvefsi.errors import CaseError
+from valvefsi.runtime.mesh_files import read_mesh_file
 
 if TYPE_CHECKING:
     import meshio
@@ -92,12 +93,7 @@ def read_body(path: Path) -> Body:
     Raises:
         CaseError: It is missing or holds no solid.
     """
-    import meshio
-
-    try:
-        mesh = meshio.read(path)
-    except (OSError, meshio.ReadError, SystemExit) as error:
-        raise CaseError(f"cannot read this file: {error}", file=path) from error
+    mesh = read_mesh_file(Path(path), ("vtu",))
     cells = {KINDS[block.type]: block.data for block in mesh.cells if block.type in KINDS}
     if not cells:
         raise CaseError("no cells that can be drawn", file=path)

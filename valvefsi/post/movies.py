@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from valvefsi.errors import CaseError
 from valvefsi.io.grid_files import GridFields, nearest_time, read_grid, times_of
+from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import Body, read_body
 from valvefsi.post.plots.slice import Plane, cut, draw_slice, outline, scale_of
 from valvefsi.types import Array
@@ -171,11 +171,7 @@ def bodies_at(folder: Path, t: float) -> list[Body]:
     for series in sorted((Path(folder) / "paraview").glob("*.pvd")):
         if series.stem in ("fluid", "averages") or series.stem.endswith("_stress"):
             continue
-        entries = [
-            (float(e.attrib["timestep"]), e.attrib["file"])
-            for e in ET.parse(series).getroot().iter("DataSet")
-        ]
-        for when, name in entries:
+        for when, name in read_times(series):
             file = series.parent / name
             if abs(when - t) > 1e-9 * max(1.0, abs(t)):
                 continue

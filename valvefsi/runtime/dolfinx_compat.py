@@ -21,6 +21,11 @@ import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
+try:
+    from ufl.corealg.dag_traverser import DAGTraverser
+except ImportError:  # an older UFL has none
+    DAGTraverser = None
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -52,6 +57,23 @@ Measured on nodal forces of 512 Q1 cells: -O3, -march=native and -fno-math-errno
 The cached object files may be read on another machine, hence no -march; an inverted cell must become NaN,
 hence no -ffast-math.
 """
+
+
+def _forget_dispatched() -> None:
+    """Let UFL's derivatives go when nobody holds them.
+
+    Before 3.13.2, Python 3.13 keeps every object whose dispatched method was called, and with UFL's rules of
+    differentiation the functions, meshes and MPI communicators of every form.
+    """
+    kinds = [] if DAGTraverser is None else list(DAGTraverser.__subclasses__())
+    for kind in kinds:
+        kinds += kind.__subclasses__()
+        for method in vars(kind).values():
+            if isinstance(method, functools.singledispatchmethod) and hasattr(method, "_method_cache"):
+                method._method_cache = None
+
+
+_forget_dispatched()
 
 
 @functools.cache

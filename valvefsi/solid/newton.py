@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from valvefsi.runtime import dolfinx_compat as compat
 
@@ -87,6 +87,12 @@ class Newton:
         else:
             self._state.x.array[:] = start
         return converged, self._snes.getIterationNumber()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.destroy()
 
     def destroy(self) -> None:
         """Free what PETSc holds (collective); petsc4py leaves it to the end of the program on several ranks."""

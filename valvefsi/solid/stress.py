@@ -6,7 +6,7 @@ plane, which von Mises' stress needs.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -102,7 +102,6 @@ class Stress:
         if fibre is not None:
             parts += [kinematics.vector(fibre)[i] for i in range(3)]
         self._expression = compat.compile_expression(ufl.as_vector(parts), self.points, self.mesh.comm)
-        self._projection: _Projection | None = None
 
     def _gradient(self) -> Expr:
         """Return the three-dimensional F."""
@@ -154,16 +153,13 @@ class Stress:
         Note:
             Collective.
         """
-        if self._projection is None:
-            self._projection = _Projection(self.mesh, self.points, self.weights, self.degree)
         measure = self._evaluate()[2]
         asked = {"cauchy" if name == "von_mises" else name for name in names}
-        nodes = {
-            name: self._projection.project(values, measure, name)
-            for name, values in self.at_points(*sorted(asked)).items()
-        }
+        values = self.at_points(*sorted(asked))
+        with _Projection(self.mesh, self.points, self.weights, self.degree) as projection:
+            nodes = {name: projection.project(values[name], measure, name) for name in values}
         if "von_mises" in names:
-            nodes["von_mises"] = equivalent = fem.Function(self._projection.space, name="von_mises")
+            nodes["von_mises"] = equivalent = fem.Function(projection.space, name="von_mises")
             equivalent.x.array[:] = _von_mises(nodes["cauchy"].x.array.reshape(-1, 3, 3))
         return {name: nodes[name] for name in names}
 
@@ -251,7 +247,11 @@ def _von_mises(sigma: Array) -> Array:
 
 
 class _Projection:
-    """L2 projection of values at quadrature points to functions of first degree."""
+    """L2 projection of values at quadrature points to functions of first degree.
+
+    A context, which frees what PETSc holds: on several ranks petsc4py leaves it to the end of the program, and with it
+    the communicator of the mesh.
+    """
 
     def __init__(self, mesh: dolfinx.mesh.Mesh, points: Array, weights: Array, degree: int) -> None:
         self.mesh, self.space = mesh, fem.functionspace(mesh, ("Lagrange", 1))
@@ -267,6 +267,13 @@ class _Projection:
         element = self.space.element.basix_element
         self._shapes = element.tabulate(0, points)[0, :, :, 0] * weights[:, None]
         self._b, self._x = compat.create_vector(self.space), compat.create_vector(self.space)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for thing in (self._solver, self._A, self._b, self._x):
+            thing.destroy()
 
     def project(self, values: Array, measure: Array, name: str) -> fem.Function:
         """Project ``(num_cells, num_points, ...)``; tensors become flat vectors."""

@@ -278,6 +278,11 @@ class Structure:
         """Return the elastic energy [erg] (collective)."""
         return self.elasticity.energy(chi)
 
+    def tether_energy(self, chi: Array) -> float:
+        """Return the energy of tethers whose anchors stay, at positions chi ``(n, 3)`` [erg] (collective)."""
+        here = 0.5 * float(np.sum(self._spring * (self.X - chi) ** 2))
+        return self.comm.allreduce(here)
+
     def node_at(self, X0: Sequence[float]) -> int:
         """Return the number of the node nearest to the reference position ``X0 (dim,)`` (collective)."""
         distance = np.linalg.norm(self.X[:, : self.dim] - np.asarray(X0, dtype=float)[: self.dim], axis=1)
@@ -297,8 +302,8 @@ class Structure:
         """Gather the deformed mesh for pictures.
 
         Returns:
-            On rank 0 the positions ``(num_nodes, 3)`` by node number, ``{VTK cell type: node numbers
-            (num_cells, k)}`` with the nodes in VTK's order, and the mean J of each cell; None on other ranks.
+            On rank 0 the positions ``(num_nodes, 3)`` by node number, node numbers ``(num_cells, k)`` by VTK cell
+            type with the nodes in VTK's order, and the mean J of each cell; None on other ranks.
             The order of the cells does not depend on the number of ranks.
 
         Note:

@@ -127,8 +127,8 @@ def test_forces_come_from_what_holds_the_bodies_and_the_momentum_of_the_flag(bui
     model, dt = built
     state, u = fsi.initial_state(model, dt), model.grid.zero_faces()
     u[0][...] = 30.0
-    impulse = 0.01 * np.array([[-1.0, 3.0, 0.0], [-7.0, 2.0, 0.0]])
-    drag, lift = force(model, state, replace(state, t=0.01, u=u, impulse=impulse))
+    given = 0.01 * np.array([[-1.0, 3.0, 0.0, 0.0], [-7.0, 2.0, 0.0, 0.0]])
+    drag, lift = force(model, state, replace(state, t=0.01, u=u, given=given))
     inertia = VALUES["rho"] * THICKNESS * (TIP - ROOT) * 30.0 / 0.01
     assert drag == pytest.approx(inertia + 8.0, rel=1e-12)
     assert lift == pytest.approx(-5.0, abs=1e-6)
@@ -141,8 +141,8 @@ def test_a_heavy_flag_takes_the_force_that_its_whole_mass_needs():
     u[0][...] = 30.0
     faster = moved(state, V=0.0 * state.bodies[0]["V"] + (30.0, 0.0, 0.0))
     excess = model.bodies[0].excess_momentum(faster.bodies[0])  # given by the fluid
-    impulse = np.array([-excess, np.zeros(3)])
-    drag, _ = force(model, state, replace(faster, t=0.01, u=u, impulse=impulse))
+    given = np.array([[*-excess, 0.0], np.zeros(4)])
+    drag, _ = force(model, state, replace(faster, t=0.01, u=u, given=given))
     assert drag == pytest.approx(10.0 * THICKNESS * (TIP - ROOT) * 30.0 / 0.01, rel=1e-12)
 
 

@@ -8,7 +8,7 @@ smoothly over the first 40 % of the run; displacement and area are averaged over
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from valvefsi.benchmarks.statics.compression import converged
 from valvefsi.case import Case, parse_case
 from valvefsi.case.build import build, write_case
 from valvefsi.case.overrides import split_override
+from valvefsi.case.resuming import clear, run_folder
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.errors import CaseError
 from valvefsi.io.history import read_history
@@ -64,6 +65,7 @@ class Block:
         kernel: Name of the regularised delta function.
         nu_stab: Numerical Poisson ratio (S22), None for no volumetric energy.
         overrides: ``key=value``, a name in `PARAMETERS` or a dotted key of the case.
+        replace: Whether a run that the folder holds may be replaced.
     """
 
     elements: int = 32
@@ -71,6 +73,7 @@ class Block:
     kernel: str = "bspline3"
     nu_stab: float | None = 0.4
     overrides: Sequence[str] = ()
+    replace: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,10 +93,16 @@ class Compression(Command):
     )
     refine: int = option(0, "Number of finer grids: a series, stabilised and not.", least=0, most=4)
 
+    replaces: bool = False
+
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
         super().__post_init__()
         self.chosen()
+
+    def overwrite(self) -> Compression:
+        """Return the same, allowed to replace a run that its folder holds."""
+        return replace(self, replaces=True)
 
     @property
     def folder(self) -> str:
@@ -111,6 +120,7 @@ class Compression(Command):
             kernel=self.kernel,
             nu_stab=self.nu_stab,
             overrides=self.overrides,
+            replace=self.replaces,
         )
 
     def chosen(self) -> OneBlock | BlockSeries:
@@ -165,10 +175,13 @@ class OneBlock(Benchmark[Block, None]):
 
     def one(self, run: Block, job: Job) -> Record:
         case = compression_case(run)
-        simulation = build(case, job.folder, job.comm)
-        write_case(case, job.folder, job.comm)
-        reference = static_reference(simulation, case)
-        outcome = simulation.run(resume=job.resume, progress=job.progress)
+        with run_folder(case, job.folder, job.comm, resume=job.resume, overwrite=run.replace) as changes:
+            simulation = build(case, job.folder, job.comm, changes)
+            if run.replace and not job.resume:
+                clear(job.folder, job.comm)
+            write_case(case, job.folder, job.comm, changes)
+            reference = static_reference(simulation, case)
+            outcome = simulation.run(resume=job.resume, progress=job.progress)
         lines = {MAIN.column: ("statics", reference), "block_area_change_percent": ("incompressible", 0.0)}
         title = f"Compressed block, {run.elements} elements, {run.grid}$^2$ cells, {run.kernel}"
         simulation.pictures(outcome.state, title=title, references=lines)

@@ -14,6 +14,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
+from valvefsi.io.folder import replacing
 from valvefsi.types import Array
 
 if TYPE_CHECKING:
@@ -316,5 +317,6 @@ def saved(figure: Figure, path: Path) -> Path:
     """Write a figure, its folder too, and return where it is."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    with replacing(path) as temporary:
+        figure.savefig(temporary)
     return path

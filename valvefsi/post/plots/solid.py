@@ -10,7 +10,6 @@ from __future__ import annotations
 import ctypes
 import importlib.util
 import os
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +22,7 @@ from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from valvefsi.errors import CaseError
+from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import CORNERS, Body, outer_faces, read_body
 from valvefsi.post.plots.base import DILATION, INK, STYLE, headings, saved
 
@@ -118,9 +118,7 @@ def draw_folder(folder: Path, out: Path, *, field: str | None = None, t: float |
 
 def _at_time(path: Path, t: float | None) -> tuple[float | None, Path | None]:
     """Return time and file of the entry of a series nearest to t, its last one for None."""
-    entries = [
-        (float(e.attrib["timestep"]), e.attrib["file"]) for e in ET.parse(path).getroot().iter("DataSet")
-    ]
+    entries = read_times(path)
     if not entries:
         return None, None
     when, file = entries[-1] if t is None else min(entries, key=lambda entry: abs(entry[0] - t))

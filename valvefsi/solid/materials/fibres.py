@@ -24,6 +24,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from valvefsi.errors import CaseError, ConvergenceError, raise_together
+from valvefsi.runtime.mesh_files import read_mesh_file
 from valvefsi.solid.materials.kinematics import Kinematics
 from valvefsi.solid.newton import Newton
 
@@ -116,6 +117,38 @@ def circumferential(
         )
 
     return from_function(mesh, direction, degree=degree)
+
+
+def turned(mesh: Mesh, angle: float) -> fem.Function:
+    """Make a fibre field in the tangent plane of a leaflet, turned from its circumferential to its radial direction.
+
+        a = cos(angle) e_c + sin(angle) e_r
+
+    Args:
+        mesh: A ``SolidMesh`` with the fibre fields "circumferential" and "radial", as meshes of valves have them.
+        angle: The angle [deg].
+
+    Raises:
+        CaseError: The mesh lacks one of the two fields, or they are not of one kind.
+
+    Note:
+        Collective.
+    """
+    missing = [name for name in ("circumferential", "radial") if name not in mesh.fibres]
+    if missing:
+        raise CaseError(
+            f"an angle from circumferential needs the mesh's fibre field {' and '.join(missing)}: add it with "
+            '[[solid.fibre]], or give a flat sheet\'s angle to the x axis, such as "45 deg"',
+            key="fibre",
+            value=f"{angle:g} deg from circumferential",
+        )
+    around, up = mesh.fibres["circumferential"], mesh.fibres["radial"]
+    if around.x.array.shape != up.x.array.shape:
+        raise CaseError("circumferential and radial fibre fields are of different degrees", key="fibre")
+    count = around.function_space.dofmap.index_map.size_local * mesh.dim
+    turn = math.radians(angle)
+    values = math.cos(turn) * around.x.array[:count] + math.sin(turn) * up.x.array[:count]
+    return _fill(mesh, around.function_space, values.reshape(-1, mesh.dim))
 
 
 def blend(
@@ -339,9 +372,9 @@ def _depth(mesh: Mesh, surfaces: tuple[str, str]) -> tuple[Array, Array]:
             raise CaseError("no facet carries this tag", file=mesh.source, key="angles", value=name)
         dofs = fem.locate_dofs_topological(space, facet_dim, facets)
         conditions.append(fem.dirichletbc(float(value), dofs, space))
-    converged, _ = Newton(
-        phi, ufl.inner(ufl.grad(phi), ufl.grad(test)) * ufl.dx(degree=2), conditions
-    ).solve()
+    residual = ufl.inner(ufl.grad(phi), ufl.grad(test)) * ufl.dx(degree=2)
+    with Newton(phi, residual, conditions) as newton:
+        converged, _ = newton.solve()
     if not converged:
         raise ConvergenceError(f"fibres of {mesh.source}: no depth between {surfaces[0]} and {surfaces[1]}")
     values = np.zeros((len(at_midpoints(mesh, phi)), 1 + 3))
@@ -352,14 +385,7 @@ def _depth(mesh: Mesh, surfaces: tuple[str, str]) -> tuple[Array, Array]:
 
 def _read_cells(path: Path, name: str, dim: int) -> tuple[Array, Array]:
     """Read middles and vectors of the cells of the highest dimension."""
-    import meshio
-
-    if not path.is_file():
-        raise CaseError("no such file", file=path)
-    try:
-        data = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio ends the program on a file it does not know
-        raise CaseError(f"cannot read this file: {error or type(error).__name__}", file=path) from None
+    data = read_mesh_file(path)
     known = [*data.cell_data, *data.point_data]
     if name not in known:
         listed = ", ".join(known) or "none"
