@@ -16,7 +16,7 @@ TINY = {
     "compression-series": {"grid": 8, "refine": 1, "overrides": ["t_end=0.1"]},
     "torsion": {"grid": 6, "ratio": 1.3, "overrides": ["t_end=0.01", "angle=0.2"]},
     "cook": {"grid": 12, "overrides": ["t_end=0.1"]},
-    "shell": {"grid": 16, "refine": 0, "couplings": ("nodal", "elemental"), "overrides": ["t_end=0.01"]},
+    "shell": {"grid": 24, "refine": 0, "couplings": ("nodal", "elemental"), "overrides": ["t_end=0.01"]},
     "sphere-in-cavity": {"grid": 12, "elements": 2, "steps": 4},
     "disk-in-cavity": {"grid": 12, "refine": 2, "t_end": 0.02},
     "valve-2d": {"cells": 24, "t_end": 0.002},
@@ -26,7 +26,7 @@ TINY = {
     "statics-torsion": {"cell": "hexahedron", "elements": 1},
     "thick-shells": {},
     "hgo-strip": {},
-    "land": {"problem": (1, 2)},
+    "land": {"problem": (1,)},
     "kernels": {
         "kernels": ("bspline3",),
         "ratios": (1.0,),

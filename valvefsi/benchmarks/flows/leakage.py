@@ -20,7 +20,7 @@ from valvefsi.benchmarks.options import Parameters, Values
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import completed
 from valvefsi.bodies.rigid import RigidSurface
-from valvefsi.coupling.kernels import largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, Disk, Mixed, Open
