@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from mpi4py import MPI
 
-from valvefsi.benchmarks import cost_model
-from valvefsi.benchmarks.cost_model import Machine, Network
-from valvefsi.benchmarks.speed import run
+from valvefsi.benchmarks.studies import cost_model
+from valvefsi.benchmarks.studies.cost_model import Machine, Network
+from valvefsi.benchmarks.studies.speed import Speed
 from valvefsi.grid import GHOSTS, MacGrid
 
 WORLD = MPI.COMM_WORLD
@@ -93,7 +93,7 @@ def test_the_network_is_measured_where_there_is_one():
 
 
 def test_the_speed_benchmark_predicts_every_size_and_compares_what_it_measured(shared_tmp):
-    result = run(sizes=(16,), steps=1, out=shared_tmp, model=True, overrides=["viscous=explicit"])
+    result = Speed(sizes=(16,), steps=1, model=True, overrides=["viscous=explicit"]).run(out=shared_tmp)
     model = result["cost_model"]
     assert len(model["predictions"]) == len(cost_model.SIZES) * len(cost_model.CORES)
     assert all(line["step_s"] > 0 for line in model["predictions"])

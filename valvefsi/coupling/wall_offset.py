@@ -36,8 +36,8 @@ def wall_offset(kernel: str, depths: Sequence[float] = (0.0,)) -> float:
         depths: How far inside the surface the planes of points lie, the outermost at 0, in spacings.
     """
     family, _, points = KERNELS[kernel]
-    depths = np.asarray(depths, dtype=float)
-    return float(np.mean([_offset(family, points, s - depths) for s in np.arange(PLACES) / PLACES]))
+    inside = np.asarray(depths, dtype=float)
+    return float(np.mean([_offset(family, points, s - inside) for s in np.arange(PLACES) / PLACES]))
 
 
 def _offset(family: int, points: int, y: np.ndarray) -> float:

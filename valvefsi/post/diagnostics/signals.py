@@ -1,4 +1,4 @@
-"""Mean, amplitude and frequency of what swings with the flag of `valvefsi.benchmarks.immersed.turek`."""
+"""Mean, amplitude and frequency of what swings, read off a record over time."""
 
 from __future__ import annotations
 

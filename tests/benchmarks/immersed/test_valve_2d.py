@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from valvefsi import fsi
-from valvefsi.benchmarks import valve_2d
-from valvefsi.benchmarks.parameters import defaults
-from valvefsi.benchmarks.polygon_gap import gap
-from valvefsi.benchmarks.valve_2d import COLUMNS, HEIGHT, PARAMETERS, ROOT, Setup, Watch, numbers
-from valvefsi.coupling.kernels import KERNELS
-from valvefsi.errors import CaseError, StabilityError
+from valvefsi.benchmarks.frame import Job
+from valvefsi.benchmarks.immersed import valve_2d
+from valvefsi.benchmarks.immersed.valve_2d import HEIGHT, PARAMETERS, ROOT, Built, Valve2D, Watch, numbers
+from valvefsi.benchmarks.options import defaults
+from valvefsi.benchmarks.running import attempt
+from valvefsi.errors import CaseError
+from valvefsi.geometry.flow_shapes import two_leaflets
+from valvefsi.geometry.polygon_gap import gap
 
 WORLD = MPI.COMM_WORLD
 VALUES = defaults(PARAMETERS)
 CELLS, KERNEL = 32, "bspline3"
+SIZE = VALUES["thickness"], VALUES["length"]
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 
 
@@ -28,8 +28,7 @@ def built():
 
 
 def test_leaflets_have_their_size_and_face_each_other(built):
-    model, _, _ = built
-    watch, solid = Watch(model, VALUES), model.bodies[0].solid
+    watch, solid = Watch(built.model, SIZE), built.model.bodies[0].solid
     area = VALUES["thickness"] * VALUES["length"]
     assert solid.reference_volume == pytest.approx(2.0 * area, rel=1e-12)
     np.testing.assert_allclose(watch.X[watch.lower.tip, :2], (ROOT, 0.7), atol=1e-12)
@@ -43,7 +42,7 @@ def test_leaflets_have_their_size_and_face_each_other(built):
 
 
 def test_the_upper_leaflet_is_the_mirror_image_of_the_lower_one(built):
-    watch = Watch(built[0], VALUES)
+    watch = Watch(built.model, SIZE)
     lower, upper = (watch.X[leaf.nodes, :2] for leaf in (watch.lower, watch.upper))
     upper = upper * (1.0, -1.0) + (0.0, HEIGHT)
     assert np.abs(upper[:, None] - lower).sum(axis=2).min(axis=1).max() < 1e-12
@@ -79,7 +78,7 @@ def stiffness(nu_stab):
     """Tip force over tip displacement of the lower leaflet, clamped in vacuum, in that of a plate, 3 E' I / L^3."""
     thickness, length = VALUES["thickness"], VALUES["length"]
     plate = VALUES["E"] / (1.0 - VALUES["nu"] ** 2)
-    mesh = valve_2d.leaflets(MPI.COMM_SELF, size=(thickness, length), elements=(1, 20))
+    mesh = two_leaflets(MPI.COMM_SELF, root=ROOT, height=HEIGHT, size=(thickness, length), elements=(1, 20))
     solid = valve_2d.solid_of(mesh, VALUES | {"nu_stab": nu_stab}, KERNEL)
     free = np.flatnonzero((solid.X[:, 1] > 1e-9) & (solid.X[:, 1] < 0.5 * HEIGHT))
     K, nudge, rest = np.zeros((2 * len(free), 2 * len(free))), 1e-6, np.zeros_like(solid.X)
@@ -104,43 +103,45 @@ def test_a_leaflet_bends_as_the_published_plate_without_help_of_the_fluid():
     )
 
 
-def test_both_leaflets_bend_downstream_alike_and_their_roots_stay(built):
-    model, dt, _ = built
-    watch = Watch(model, VALUES)
-    steps, failed = valve_2d.march(model, dt, 150 * dt, watch)
-    assert failed is None
-    assert steps in (150, 151)
-    last = dict(zip(COLUMNS, watch.rows[-1], strict=True))
-    assert last["upper_dx"] > 0.01
-    assert last["upper_dx"] == pytest.approx(last["lower_dx"], abs=1e-9)
-    assert last["upper_dy"] == pytest.approx(-last["lower_dy"], abs=1e-9)
-    assert last["J_off"] < 0.05
-    assert [s["t"] for s in watch.snapshots] == pytest.approx(valve_2d.snapshot_times(150 * dt), abs=dt)
-    lower, upper = watch.snapshots[-1]["outlines"]
+def march(built, factor, steps, folder):
+    """A run of so many steps, each so many times as long as the benchmark's."""
+    benchmark = Valve2D(cells=CELLS, t_end=steps * factor * built.dt)
+    job, longer = Job(folder=folder, comm=WORLD), Built(built.model, factor * built.dt, built.limits)
+    simulation, watch = benchmark.simulation(longer, job)
+    return attempt(simulation, job), watch
+
+
+def test_both_leaflets_bend_downstream_alike_and_their_roots_stay(built, shared_tmp):
+    done, watch = march(built, 1.0, 150, shared_tmp)
+    assert done.failed is None
+    assert done.steps in (150, 151)
+    last = {name: column[-1] for name, column in done.history.items()}
+    assert last["upper_dx_cm"] > 0.01
+    assert last["upper_dx_cm"] == pytest.approx(last["lower_dx_cm"], abs=1e-9)
+    assert last["upper_dy_cm"] == pytest.approx(-last["lower_dy_cm"], abs=1e-9)
+    assert max(1.0 - last["leaflets_J_min"], last["leaflets_J_max"] - 1.0) < 0.05
+    t_end = 150 * built.dt
+    assert [s.t for s in watch.sights.kept] == pytest.approx(valve_2d.snapshot_times(t_end), abs=built.dt)
+    lower, upper = watch.sights.kept[-1].outlines
     ends = [leaf.outline[[0, -1]] for leaf in (watch.lower, watch.upper)]
     for outline, root in zip((lower, upper), ends, strict=True):
         assert np.abs(outline[[0, -1]] - watch.X[root, :2]).max() < 1e-12, "the walls hold their ends"
 
 
-def test_a_run_that_breaks_down_says_why_and_keeps_its_record(built):
-    model, dt, _ = built
-    watch = Watch(model, VALUES)
-    steps, failed = valve_2d.march(model, 40.0 * dt, 4000.0 * dt, watch)
-    assert 0 < steps < 100
-    assert failed
-    assert len(watch.rows) >= 1
-    bad = fsi.initial_state(model, dt)
-    bad.u[0][...] = np.nan
-    with pytest.raises(StabilityError, match="smaller share"):
-        watch.record(bad)
+def test_a_run_that_breaks_down_says_why_and_keeps_its_record(built, shared_tmp):
+    done, _ = march(built, 40.0, 100, shared_tmp)
+    assert 0 <= done.steps < 100
+    assert done.failed
+    assert len(done.history["t_s"]) >= 1
 
 
 def test_extremes_are_read_off():
     t = np.linspace(0.0, 1.0, 101)
-    row = dict.fromkeys(COLUMNS, 0.0 * t) | {"t": t, "upper_dx": np.sin(2 * np.pi * t), "gap": 0.2 + t}
-    row["lower_dx"] = row["upper_dx"] - 0.01
-    row["area_change"] = -0.02 * t
-    found = numbers(np.stack([row[name] for name in COLUMNS], axis=1))
+    h = dict.fromkeys((*Watch.columns, "leaflets_area_change_percent"), 0.0 * t)
+    h |= {"t_s": t, "upper_dx_cm": np.sin(2 * np.pi * t), "gap_cm": 0.2 + t, "leaflets_J_min": 1.0 - 0.1 * t}
+    h |= {"lower_dx_cm": h["upper_dx_cm"] - 0.01, "leaflets_area_change_percent": -2.0 * t}
+    found = numbers(h | {"leaflets_J_max": 1.0 + 0.05 * t})
+    assert found["largest_J_off"] == pytest.approx(0.1)
     assert found["max_dx"] == pytest.approx(1.0)
     assert found["t_max_dx"] == pytest.approx(0.25)
     assert found["smallest_gap"] == pytest.approx(0.2)
@@ -148,25 +149,21 @@ def test_extremes_are_read_off():
     assert found["area_change"] == pytest.approx(-0.02)
 
 
-def test_the_command_writes_its_files(shared_tmp):
-    setup = Setup(cells=CELLS, t_end=0.002, overrides=["nu_stab=0.4"])
-    result = valve_2d.run(setup, out=shared_tmp)
-    if WORLD.rank == 0:
-        assert json.loads((shared_tmp / "result.json").read_text())["benchmark"] == "valve-2d"
-        with (shared_tmp / f"N{CELLS}" / "tip.csv").open() as lines:
-            assert next(lines).strip() == ",".join(COLUMNS)
-        for name in ("tips.png", "flow.png"):
-            assert (shared_tmp / f"N{CELLS}" / name).stat().st_size > 10000
-    assert result["table"][0]["reference"] is None, "a run shorter than a period is not compared"
+def test_a_run_shorter_than_a_period_or_of_other_leaflets_is_not_compared():
+    assert Valve2D().comparable
+    assert not Valve2D(t_end=0.5).comparable
+    assert not Valve2D(overrides=["E=1e7"]).comparable
 
 
-def test_what_cannot_be_used_is_refused(shared_tmp):
-    with pytest.raises(CaseError, match="thickness"):
-        valve_2d.run(Setup(overrides=["thicknes=0.1"]), out=shared_tmp)
-    with pytest.raises(CaseError, match="overlap"):
-        valve_2d.run(Setup(overrides=["length='1 cm'"]), out=shared_tmp)
-    with pytest.raises(CaseError, match="a kernel is one of"):
-        Setup(kernel="ib7")
-    with pytest.raises(CaseError, match="above 0"):
-        Setup(t_end=0.0)
-    assert KERNEL in KERNELS
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"overrides": ["thicknes=0.1"]}, "thickness"),
+        ({"overrides": ["length='1 cm'"]}, "overlap"),
+        ({"kernel": "ib7"}, "--kernel = 'ib7': expected one of"),
+        ({"t_end": 0.0}, "above 0"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(options, message):
+    with pytest.raises(CaseError, match=message):
+        Valve2D(**options)

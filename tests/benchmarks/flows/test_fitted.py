@@ -12,8 +12,8 @@ from valvefsi.runtime import dolfinx_compat  # noqa: F401  # isort: skip
 from dolfinx import fem
 from dolfinx import mesh as dolfinx_mesh
 
+from valvefsi.benchmarks.flows.fitted import FittedFlow
 from valvefsi.errors import StabilityError
-from valvefsi.fluid.fitted import FittedFlow
 
 WORLD = MPI.COMM_WORLD
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from valvefsi.benchmarks.parameters import defaults, read_parameters, read_quantities
+from valvefsi.benchmarks.options import defaults, read_parameters, read_quantities
 from valvefsi.errors import CaseError
 
 PARAMETERS = {"c1": (250.0, "dyn/cm^2"), "t_end": (2.0, "s"), "scheme": ("centred", ("centred", "upwind"))}

@@ -7,10 +7,10 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.benchmarks.wall_offset import _offset, wall_offset
 from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
+from valvefsi.coupling.wall_offset import _offset, wall_offset
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Wall
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import MacGrid

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from valvefsi.benchmarks.elastic_speed import measure
+from valvefsi.benchmarks.studies.elastic_speed import measure
 
 
 def test_the_comparison_reports_both_times_and_that_the_forces_agree(comm):
