@@ -246,6 +246,10 @@ def modules(name: str) -> str:
     return "\n".join(parts)
 
 
+NUMBERED = re.compile(r"\(?[0-9a-z][.)] ")
+"""Start of an item of a numbered list."""
+
+
 def set_formulas(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
     """Make an indented block after a blank line a literal one (the formulas of the docstrings); keep |x| as it is."""
     new: list[str] = []
@@ -279,7 +283,7 @@ def _in_field(lines: list[str]) -> bool:
     """Return whether the last lines belong to a field list, a directive or a block that was opened already."""
     for line in reversed(lines):
         if line.strip() and not line.startswith(" "):
-            return line.startswith((":", "..", "*", "-")) or line.endswith("::")
+            return line.startswith((":", "..", "*", "-")) or line.endswith("::") or bool(NUMBERED.match(line))
     return False
 
 
