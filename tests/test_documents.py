@@ -132,6 +132,7 @@ def understand(words, *, whole):
             return
         name, command, words = words[0], command.commands.get(words[0]), words[1:]
         assert command is not None, f"there is no command {name}"
+    command = generate.with_options(command, name)
     words = [word for word in words if word not in ("--help", "...")]
     command.make_context(name, words, resilient_parsing=not whole)
     known = {text for parameter in command.params for text in parameter.opts}
@@ -192,6 +193,7 @@ def test_every_command_is_on_its_page():
     page = generate.commands()
     for name in ("run", "bench cavity", "fit biaxial", "mesh import"):
         assert f"## `valvefsi {name}`" in page
+    assert "| `--reynolds` |" in page
 
 
 def test_a_demo_becomes_a_page():
