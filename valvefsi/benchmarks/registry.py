@@ -69,6 +69,12 @@ ENTRIES = (
         "Flow past a cylinder at Re 100 on a mesh that fits it, with finite elements: an independent answer.",
     ),
     Entry(
+        "tube",
+        FLOWS,
+        "flows.tube:Tube",
+        "Flow in a tube of held points at any angle to the grid, against the start-up series.",
+    ),
+    Entry(
         "leakage",
         FLOWS,
         "flows.leakage:Leakage",
