@@ -36,7 +36,8 @@ from valvefsi.benchmarks.options import Parameters, Values, option, read_quantit
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import completed, flow_of
 from valvefsi.bodies.rigid import RigidSurface
-from valvefsi.coupling.kernels import KERNELS, largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
+from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Open, Wall
