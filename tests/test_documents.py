@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 import re
@@ -194,6 +195,14 @@ def test_every_command_is_on_its_page():
     for name in ("run", "bench cavity", "fit biaxial", "mesh import"):
         assert f"## `valvefsi {name}`" in page
     assert "| `--reynolds` |" in page
+
+
+def test_every_module_has_a_page_and_can_be_imported():
+    pages = "".join(map(generate.modules, generate.parts_of_the_package()))
+    modules = re.findall(r"automodule:: (\S+)", pages)
+    assert {"valvefsi.fsi", "valvefsi.coupling.kernels", "valvefsi.solid.statics.problem"} <= set(modules)
+    for module in modules:
+        importlib.import_module(module)
 
 
 def test_a_demo_becomes_a_page():
