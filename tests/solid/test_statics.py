@@ -19,7 +19,7 @@ from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.geometry.shapes import box, compressed_block, rectangle
 from valvefsi.solid import statics
 from valvefsi.solid.loads import DeadLoad
-from valvefsi.solid.materials import MooneyRivlin, NeoHookean
+from valvefsi.solid.materials import LeeSacks, MooneyRivlin, NeoHookean
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 MATERIAL = NeoHookean(c1=80.194)
@@ -207,3 +207,19 @@ def test_the_path_meets_its_stops_and_each_is_the_equilibrium_of_its_load(comm):
 def test_stops_that_no_path_meets_are_refused(stops):
     with pytest.raises(CaseError, match="stops = "):
         statics.SolverOptions(stops=stops)
+
+
+def test_a_thin_strip_with_a_large_bulk_modulus_bends_under_a_force(comm):
+    """Its linear steps lengthen it: a line search on the size of the residual finds no equilibrium at all."""
+    thickness, tip = 0.0386, 0.02
+    material = LeeSacks(c0=676080.0, c1=132848.0, c2=38.1878)
+    strip = rectangle(comm, lower=(0.0, -thickness / 2), size=(1.0, thickness), elements=(10, 1))
+    force = 3 * tip * 4 * material.c0 * thickness**3 / 12  # 3 D w / L^3, D of the incompressible plate
+    load = DeadLoad(on=("x_upper",), traction=(0.0, force / thickness))
+    deflections = [
+        statics.solve(
+            strip, material, fixed=[statics.Fixed(on=("x_lower",))], loads=[load], formulation=formulation
+        ).displacement_at((1.0, 0.0))[1]
+        for formulation in (statics.TaylorHood(), statics.NearlyIncompressible(kappa=1e8))
+    ]
+    assert deflections == pytest.approx([tip, tip], rel=0.1)
