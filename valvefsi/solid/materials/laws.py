@@ -255,7 +255,8 @@ def load_material(file: Path, name: str) -> str:
     model = f"{file}:{name}"
     spec = importlib.util.spec_from_file_location(f"valvefsi_own_{zlib.crc32(bytes(file)):08x}", file)
     try:
-        assert spec is not None and spec.loader is not None, "not a Python file"
+        if spec is None or spec.loader is None:
+            raise ImportError("not a Python file")
         module = importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = module  # dataclasses look their module up
         spec.loader.exec_module(module)
