@@ -180,7 +180,11 @@ def full_disk_and_resume(job: Job, whole: Path, out: Path, limit: int) -> str:
     code, said = job.run(out, "--resume")
     if code == 2 and "no whole checkpoint" in said:
         code, said = job.run(out, "--overwrite")
-    return "one line, same answer" if code == 0 and difference(out, whole) <= SAME else f"exit {code}: {said[-200:]}"
+    return (
+        "one line, same answer"
+        if code == 0 and difference(out, whole) <= SAME
+        else f"exit {code}: {said[-200:]}"
+    )
 
 
 def stop_and_continue(job: Job, whole: Path, out: Path, rng: random.Random, length: float) -> str:
@@ -193,14 +197,22 @@ def stop_and_continue(job: Job, whole: Path, out: Path, rng: random.Random, leng
             os.kill(pid, number)
         time.sleep(1.0)
     _, said = process.communicate(timeout=PATIENCE)
-    return "same answer" if process.returncode == 0 and difference(out, whole) <= SAME else f"failed: {said[-200:]}"
+    return (
+        "same answer"
+        if process.returncode == 0 and difference(out, whole) <= SAME
+        else f"failed: {said[-200:]}"
+    )
 
 
 def jobs(folder: Path) -> list[Job]:
     """Return the runs that are killed: a block in two dimensions and a valve with circuits, on one and two ranks."""
     case = folder / "block.toml"
     case.write_text(BLOCK)
-    valve = ("run", str(ROOT / "demos" / "pericardial_valve.toml"), *(x for text in VALVE for x in ("--set", text)))
+    valve = (
+        "run",
+        str(ROOT / "demos" / "pericardial_valve.toml"),
+        *(x for text in VALVE for x in ("--set", text)),
+    )
     return [
         Job("block, one rank", ("run", str(case))),
         Job("block, two ranks", ("run", str(case)), 2),
