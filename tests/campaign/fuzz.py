@@ -339,7 +339,7 @@ def one(kind: str, seed: int, number: int, folder: Path) -> str:
     except (ValvefsiError, OSError) as error:
         lines = str(error).splitlines()
         outcome = (
-            REFUSED if len(lines) == 1 and len(lines[0]) < 2000 else f"NOT ONE LINE: {str(error)[:200]!r}"
+            REFUSED if len(lines) == 1 and len(lines[0]) < 2100 else f"NOT ONE LINE: {str(error)[:200]!r}"
         )
     except Hang:
         outcome = "HANG"
