@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-
 from valvefsi.benchmarks.flows.wall_offset import wall_offset
+
 from valvefsi.coupling.kernels import BSPLINE, weights_at
 from valvefsi.coupling.offsets import surface_offset
 

@@ -205,6 +205,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
 
 def _discretisation(solid: Solid) -> Discretisation:
     return Discretisation(
+        element=solid.element,
         degree=solid.degree,
         quadrature_degree=solid.quadrature_degree,
         kernel=solid.kernel,
