@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from valvefsi.case.models import Fibre
+from valvefsi.case.material_tables import Fibre
 from valvefsi.errors import CaseError
 from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.solid.materials import fibres

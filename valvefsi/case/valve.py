@@ -43,10 +43,29 @@ def moved(mesh: ValveMesh, z: float) -> ValveMesh:
 
 def find_orifice(case: Case) -> Orifice | None:
     """Return the orifice of a case with a valve in a housing, None without one."""
-    if case.housing is None or case.housing.stent is None:
-        return None
-    number = next(k for k, solid in enumerate(case.solid) if solid.name == case.housing.stent)
-    return Orifice(body=number, radius=0.5 * case.solid[number].mesh.valve.diameter)
+    found = stented(case)
+    return None if found is None else Orifice(body=found[0], radius=0.5 * found[1].diameter)
+
+
+def stented(case: Case) -> tuple[int, ValveShape] | None:
+    """Return number of the solid and shape of the valve in a case's housing, None without one."""
+    stent = case.housing.stent if case.housing is not None else None
+    for number, solid in enumerate(case.solid):
+        if solid.name == stent and solid.mesh.valve is not None:
+            return number, solid.mesh.valve
+    return None
+
+
+def valve_of(case: Case) -> tuple[str, ValveShape]:
+    """Return name and shape of the valve in a case's housing.
+
+    Raises:
+        CaseError: There is none.
+    """
+    found = stented(case)
+    if found is None:
+        raise CaseError("there is no valve in a housing", file=case.file, key="housing.stent")
+    return case.solid[found[0]].name, found[1]
 
 
 def build_rigid(case: Case, grid: MacGrid) -> tuple[RigidSurface, ...]:
@@ -68,7 +87,7 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[RigidSurface, ...]:
     section = housing.section()
     surfaces = [section.housing(h, (low + 0.5 * h, high - 0.5 * h))]
     if housing.stent is not None:
-        shape = next(solid.mesh.valve for solid in case.solid if solid.name == housing.stent)
+        _, shape = valve_of(case)
         surfaces.append(section.stent(h, shape.geometry(), shape.base))
     surface = joined(*surfaces)
     share = housing.hold * case.fluid.density * h / largest_square_sum(KERNEL)
@@ -87,4 +106,5 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[RigidSurface, ...]:
         message = f"the housing does not fit into the core of the box: {error}"
         problem = CaseError(message, file=case.file, key="housing", value=f"radius {section.widest:.4g} cm")
     raise_together(grid.comm, problem)
+    assert rigid is not None  # or all ranks have raised
     return (rigid,)
