@@ -7,6 +7,7 @@ RANKS ?= 2
 BIN := .venv/bin
 MPIRUN := $(BIN)/mpirun
 STAMP := .venv/ready
+DOCS_STAMP := .venv/docs-ready
 LOGS := build/ranks
 
 # One thread a rank; the ranks use the cores. A test that hangs (ranks out of step) is ended and shows where.
@@ -19,7 +20,7 @@ PYTEST := $(BIN)/python -m pytest --durations=5 -o faulthandler_timeout=300 -o f
 RANKED = rank=$${PMI_RANK:-$${OMPI_COMM_WORLD_RANK:-$${PMIX_RANK:-0}}}; \
 	if [ $$rank -eq 0 ]; then exec "$$@"; else exec "$$@" >$(LOGS)/rank$$rank.log 2>&1; fi
 
-.PHONY: help setup demo test test-parallel test-slow lint format clean
+.PHONY: help setup demo test test-parallel test-slow docs tables lint format clean
 .DEFAULT_GOAL := help
 
 help: ## list these commands
@@ -32,7 +33,7 @@ $(STAMP): pyproject.toml
 	@touch $@
 
 demo: $(STAMP) ## the compressed block in a box of fluid on two ranks: table, pictures, ParaView series
-	$(MPIRUN) -n $(RANKS) $(BIN)/python -m valvefsi bench compression --out results/compression
+	$(MPIRUN) -n $(RANKS) $(BIN)/python -m valvefsi bench compression --overwrite --out results/compression
 
 test: $(STAMP) ## the test suite on one rank
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(PYTEST) -m 'not slow' $(ARGS)
@@ -54,14 +55,26 @@ test-parallel: $(STAMP) ## the same tests under mpirun, without those that start
 test-slow: $(STAMP) ## the longer studies
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(PYTEST) -m slow $(ARGS)
 
-lint: $(STAMP) ## ruff: rules and format
+docs: $(DOCS_STAMP) ## the documents as web pages, build/docs/index.html; a warning is an error
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo build/docs/index.html
+
+$(DOCS_STAMP): $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	@touch $@
+
+tables: $(STAMP) ## write the tables of README and documents from docs/results
+	$(BIN)/python docs/tables.py
+
+lint: $(STAMP) ## ruff: rules and format; mypy: annotations
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 
 format: $(STAMP) ## let ruff put the format right
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
 clean: ## remove .venv, caches and logs; results stay
-	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache
 	find valvefsi tests demos -name __pycache__ -type d -prune -exec rm -rf {} +

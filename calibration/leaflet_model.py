@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy import optimize
 
-from valvefsi.fitting.biaxial_results import BiaxialFit
+from valvefsi.fitting.biaxial import BiaxialFit
 from valvefsi.fitting.planar import PlanarState
 from valvefsi.fitting.planar_hgo import HGO
 

@@ -25,6 +25,18 @@ LONG = {
 pytestmark = pytest.mark.serial
 
 
+TUTORIALS = {
+    "01_minimal": "valvefsi.case.build",
+    "02_tissue_to_material": '"biaxial"',
+    "03_flow_record_to_circuit": '"windkessel"',
+    "04_beating_valve": "pericardial_valve.toml",
+    "05_own_structure": '"mesh", "import"',
+    "06_new_material": "gent.py:Gent",
+    "07_many_ranks": "MPIRUN",
+}
+"""The tutorial of each kind of user, and what it cannot do without."""
+
+
 def call(command, tmp_path):
     environment = os.environ | {"VALVEFSI_DEMO_OUT": str(tmp_path / "out"), "MPLBACKEND": "Agg"}
     return subprocess.run(
@@ -47,6 +59,17 @@ def test_demo_is_literate_and_short(demo):
     assert any("Reference" in line for line in lines[:12])
     assert any("Run time" in line for line in lines[:12])
     assert any(line.startswith("assert ") for line in lines[-5:])
+
+
+def test_there_is_a_tutorial_for_each_kind_of_user():
+    texts = {path.stem: path.read_text() for path in DEMOS}
+    assert {name: key in texts.get(name, "") for name, key in TUTORIALS.items()} == dict.fromkeys(
+        TUTORIALS, True
+    )
+
+
+def test_the_minimal_run_has_forty_lines():
+    assert len((ROOT / "demos" / "01_minimal.py").read_text().splitlines()) <= 40
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda path: path.stem)

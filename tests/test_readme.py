@@ -1,4 +1,4 @@
-"""The README's example runs as it stands."""
+"""The README is short, and its example runs as it stands."""
 
 from __future__ import annotations
 
@@ -14,6 +14,10 @@ ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 pytestmark = pytest.mark.serial
+
+
+def test_the_readme_is_short():
+    assert len(TEXT.encode()) <= 8000
 
 
 def test_the_example_runs_and_prints_two_numbers_that_agree(tmp_path):
@@ -34,13 +38,11 @@ def test_the_example_runs_and_prints_two_numbers_that_agree(tmp_path):
     assert abs(immersed - static) < 0.05 * abs(static)
 
 
-def test_every_file_the_readme_links_to_is_there():
-    for target in re.findall(r"\]\(([^)#]+)\)", TEXT):
-        assert (ROOT / target).exists(), target
-
-
-def test_the_make_targets_of_the_readme_exist():
+@pytest.mark.parametrize(
+    "name", ["README.md", "CONTRIBUTING.md", "docs/start.md", "docs/validation/index.md"]
+)
+def test_the_make_targets_of_a_document_exist(name):
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
-    assert set(re.findall(r"`make ([a-z-]+)`|^make ([a-z-]+)", TEXT, re.MULTILINE)) <= {
-        pair for name in targets for pair in ((name, ""), ("", name))
-    }
+    named = re.findall(r"`make ([a-z-]+)[^`]*`|^make ([a-z-]+)", (ROOT / name).read_text(), re.MULTILINE)
+    assert named
+    assert {a or b for a, b in named} <= targets

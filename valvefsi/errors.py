@@ -6,10 +6,15 @@ together, see `raise_together`.
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+
+CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
+LONGEST = 200
 
 
 class ValvefsiError(Exception):
@@ -26,8 +31,18 @@ class CaseError(ValvefsiError, ValueError):
         self, message: str, *, file: object = None, key: str | None = None, value: object = None
     ) -> None:
         self.file, self.key, self.value, self.reason = file, key, value, message
-        place = "" if key is None else (key if value is None else f"{key} = {value!r}")
-        super().__init__(": ".join(str(part) for part in (file, place, message) if part))
+        place = "" if key is None else (key if value is None else f"{key} = {_short(value)}")
+        text = ": ".join(str(part) for part in (file, place, message) if part)
+        super().__init__(CONTROL.sub(" ", text))
+
+
+def _short(value: object) -> str:
+    """Return a value as Python writes it, cut where it is long."""
+    try:
+        text = repr(value)
+    except ValueError:  # whole numbers of thousands of digits
+        return "(a number of too many digits)"
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} ..."
 
 
 class ConvergenceError(ValvefsiError, RuntimeError):
@@ -36,6 +51,10 @@ class ConvergenceError(ValvefsiError, RuntimeError):
 
 class StabilityError(ValvefsiError, RuntimeError):
     """A run left the region where its numbers mean anything."""
+
+
+class SurroundingsError(ValvefsiError, RuntimeError):
+    """The disk, a folder, the memory or another process failed a run; the case has no part in it."""
 
 
 class Stopped(ValvefsiError):
@@ -51,6 +70,14 @@ class Stopped(ValvefsiError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+def reason_of(error: OSError | MemoryError) -> str:
+    """Return in one line what the system says."""
+    if isinstance(error, MemoryError):
+        return f"out of memory{f' ({error})' if str(error) else ''}"
+    place = f"{error.filename}: " if error.filename else ""
+    return f"{place}{error.strerror or ' '.join(str(error).split()) or type(error).__name__}"
 
 
 def raise_together(comm: MPI.Comm, error: Exception | None) -> None:

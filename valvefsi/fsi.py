@@ -37,7 +37,7 @@ class Model:
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """Everything that the next step depends on, and the impulse that the bodies have given to the fluid.
+    """Everything that the next step depends on, and what the bodies have given to the fluid.
 
     Attributes:
         t: Time [s].
@@ -48,8 +48,8 @@ class State:
         N: Advection term at t - dt [cm/s^2].
         bodies: State of each body at t, arrays ``(n, 3)`` by name.
         circuits: State of the circulation at t, the same on all ranks, ``(num_states,)``.
-        impulse: Time integral of the force of each body on the fluid, the same on all ranks, ``(num_bodies, 3)``
-            [dyn s]; nothing depends on it.
+        given: What each body has given to the fluid, the same on all ranks, ``(num_bodies, 4)``: three components of
+            impulse [dyn s], and work [erg]. Nothing depends on it.
         dt_stable: Largest stable step when it was last measured, see `valvefsi.run.stable_step` [s].
     """
 
@@ -61,7 +61,7 @@ class State:
     N: Faces
     bodies: tuple[Table, ...]
     circuits: Array
-    impulse: Array
+    given: Array
     dt_stable: float = math.inf
 
 
@@ -87,7 +87,7 @@ def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | No
         N=model.fluid.advection(u),
         bodies=tuple(body.start(u) for body in model.bodies),
         circuits=model.circulation.start.copy(),
-        impulse=np.zeros((len(model.bodies), 3)),
+        given=np.zeros((len(model.bodies), 4)),
     )
 
 
@@ -119,16 +119,28 @@ def step(model: Model, s: State, dt: float) -> State:
     u, p = model.fluid.step(s.u, s.p, (N, s.N, dt / s.dt), f, s.t, dt, pressures)
     u_half = tuple(0.5 * (a + b) for a, b in zip(s.u, u, strict=True))
     # 3. every body the whole step with the midpoint velocity
-    bodies = tuple(body.whole(u_half) for body in half)
-    impulse = s.impulse + dt * total_forces(model.grid, half)
+    U_half = [body.velocity(u_half) for body in half]
+    bodies = tuple(body.whole(U) for body, U in zip(half, U_half, strict=True))
+    given = s.given + dt * on_fluid(model.grid, half, U_half)
     # 4. the circulation sees the new flow
     flows = {side: model.fluid.boundary.outflow(u_half, side) for side in model.circulation.sides}
     circuits = model.circulation.step(s.circuits, flows, s.t, dt)
-    new = {"u": u, "p": p, "N": N, "bodies": bodies, "circuits": circuits, "impulse": impulse}
-    return State(t=s.t + dt, step=s.step + 1, dt=dt, dt_stable=s.dt_stable, **new)
+    at = {"t": s.t + dt, "dt": dt, "dt_stable": s.dt_stable}
+    return State(u=u, p=p, N=N, bodies=bodies, circuits=circuits, given=given, step=s.step + 1, **at)
 
 
-def total_forces(grid: MacGrid, half: list[HalfStep]) -> Array:
-    """Return the force of each body on the fluid, the same on all ranks, ``(num_bodies, 3)`` [dyn] (collective)."""
-    here = np.array([body.force.sum(axis=0) for body in half]).reshape(-1, 3)
-    return grid.comm.allreduce(here) if len(here) else here
+def on_fluid(grid: MacGrid, half: list[HalfStep], U_half: list[Array]) -> Array:
+    """Return force and power of each body on the fluid, the same on all ranks (collective).
+
+    Args:
+        grid: The grid.
+        half: The bodies halfway through the step.
+        U_half: Velocity of the fluid at their points, ``(n, 3)`` each [cm/s].
+
+    Returns:
+        Three components of the force [dyn] and the power [erg/s], ``(num_bodies, 4)``.
+    """
+    here = np.array(
+        [[*body.force.sum(axis=0), np.vdot(body.force, U)] for body, U in zip(half, U_half, strict=True)]
+    )
+    return grid.comm.allreduce(here) if len(here) else here.reshape(0, 4)

@@ -28,6 +28,12 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 """Numbers of nodes, points, cells or samples."""
 
+Mask = NDArray[np.bool_]
+"""Which entries are meant."""
+
+Slices = tuple[slice, slice, slice]
+"""A part of a local array."""
+
 Faces = tuple[Array, ...]
 """A field on the faces of the staggered grid: one local array with ghost layers per axis, ``(nx, ny, nz)`` each."""
 
@@ -238,15 +244,16 @@ class HalfStep(Protocol):
         """Add these forces to the force density f on the faces [dyn/cm^3]. Collective."""
         ...
 
-    def whole(self, u_half: Faces) -> Table:
-        """Return the body's state after the whole step.
+    def velocity(self, u_half: Faces) -> Array:
+        """Return the velocity of the fluid at its nodes or points, ``(n, 3)`` [cm/s]. Collective.
 
         Args:
             u_half: Velocity at the middle of the step, ghosts filled [cm/s].
-
-        Note:
-            Collective.
         """
+        ...
+
+    def whole(self, U: Array) -> Table:
+        """Return the body's state after the whole step, carried by that velocity U ``(n, 3)`` [cm/s]."""
         ...
 
 

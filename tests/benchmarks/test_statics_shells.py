@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.solid.pointwise import Pointwise
 from valvefsi.benchmarks import hgo_strip, land, thick_shells
 from valvefsi.benchmarks.parameters import defaults
 from valvefsi.benchmarks.static_study import Setup, run_study
@@ -18,7 +19,6 @@ from valvefsi.geometry.shapes import box
 from valvefsi.solid import statics
 from valvefsi.solid.materials import fibres
 from valvefsi.solid.materials.cardiac import Contracting, Guccione, ellipsoid_fibres
-from valvefsi.solid.pointwise import Pointwise
 from valvefsi.solid.stress import Stress, stress_of_solution
 
 REFERENCE = Path(__file__).parents[1] / "reference"

@@ -127,8 +127,8 @@ def test_forces_come_from_what_holds_the_bodies_and_the_momentum_of_the_flag(bui
     watch.begin(state)
     u = model.grid.zero_faces()
     u[0][...] = 30.0
-    impulse = 0.01 * np.array([[-1.0, 3.0, 0.0], [-7.0, 2.0, 0.0]])
-    found = watch.record(replace(state, t=0.01, u=u, impulse=impulse))
+    given = 0.01 * np.array([[-1.0, 3.0, 0.0, 0.0], [-7.0, 2.0, 0.0, 0.0]])
+    found = watch.record(replace(state, t=0.01, u=u, given=given))
     inertia = VALUES["rho"] * THICKNESS * (TIP - ROOT) * 30.0 / 0.01
     assert found["drag_dyn_per_cm"] == pytest.approx(inertia + 8.0, rel=1e-12)
     assert found["lift_dyn_per_cm"] == pytest.approx(-5.0, abs=1e-6)
@@ -145,8 +145,8 @@ def test_a_heavy_flag_takes_the_force_that_its_whole_mass_needs():
     V = 0.0 * state.bodies[0]["V"] + (30.0, 0.0, 0.0)
     state = moved(state, V=V)
     excess = model.bodies[0].excess_momentum(state.bodies[0])  # given by the fluid
-    impulse = np.array([-excess, np.zeros(3)])
-    found = watch.record(replace(state, t=0.01, u=u, impulse=impulse))
+    given = np.array([[*-excess, 0.0], np.zeros(4)])
+    found = watch.record(replace(state, t=0.01, u=u, given=given))
     inertia = 10.0 * THICKNESS * (TIP - ROOT) * 30.0 / 0.01
     assert found["drag_dyn_per_cm"] == pytest.approx(inertia, rel=1e-12)
 

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.bodies.patches import PatchedSurface
 from valvefsi.bodies.rigid import RigidSurface
-from valvefsi.coupling.kernels import largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.fluid.boundary import Boundary, Disk, Mixed, Open

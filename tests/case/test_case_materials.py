@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
+import tomllib
 import warnings
 from copy import deepcopy
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from tests.gent import GENT
 from valvefsi.case import case_schema, load_case
@@ -122,18 +126,67 @@ def test_a_preset_says_aloud_that_nobody_has_checked_it(comm):
         build(published, comm)
 
 
-def test_a_material_of_ones_own_beside_the_case_is_used_by_its_import_path(shared_tmp, comm):
+def own_material(folder, comm):
+    """Write a case with a material of its own beside it."""
     if comm.rank == 0:
-        (shared_tmp / "my_gent.py").write_text(GENT, encoding="utf-8")
+        (folder / "my_gent.py").write_text(GENT, encoding="utf-8")
         text = to_toml(case_of({"model": "neo_hookean", "c1": 1.0}))
-        text = text.replace('model = "neo_hookean"', 'model = "my_gent.Gent"\nmu = "3 kPa"\nlimit = 20')
-        (shared_tmp / "case.toml").write_text(text.replace('c1 = "1 dyn/cm^2"\n', ""), encoding="utf-8")
+        text = text.replace('model = "neo_hookean"', 'model = "my_gent.py:Gent"\nmu = "3 kPa"\nlimit = 20')
+        (folder / "case.toml").write_text(text.replace('c1 = "1 dyn/cm^2"\n', ""), encoding="utf-8")
     comm.barrier()
-    case = load_case(shared_tmp / "case.toml")
+    return folder / "case.toml"
+
+
+def test_a_material_of_ones_own_beside_the_case_is_used_where_it_is_trusted(shared_tmp, comm):
+    case = load_case(own_material(shared_tmp, comm), trust=True)
     assert case.solid[0].material.parameters == {"mu": 3e4, "limit": 20.0}
     solid = build(case, comm)
     assert solid.stiffness().shear_modulus == 3e4
     assert solid.energy(solid.X * [1.2, 1.0, 1.0]) > 0
+    again = parse_case(tomllib.loads(to_toml(case)), trust=True)  # as a run keeps it, from anywhere
+    assert again.solid == case.solid
+
+
+def test_a_material_of_ones_own_runs_only_where_it_is_trusted(shared_tmp, comm, monkeypatch):
+    path = own_material(shared_tmp, comm)
+    bite = shared_tmp / "bitten"
+    with (shared_tmp / "my_gent.py").open("a", encoding="utf-8") as file:
+        file.write(f"open({str(bite)!r}, 'w').close()\n")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(shared_tmp / "config"))
+    with pytest.raises(CaseError, match=r"this would run .*my_gent\.py; allow it with --trust") as caught:
+        load_case(path)
+    assert "\n" not in str(caught.value)
+    assert not bite.exists()
+    (shared_tmp / "config" / "valvefsi").mkdir(parents=True, exist_ok=True)
+    user = shared_tmp / "config" / "valvefsi" / "config.toml"
+    user.write_text(f'trust = ["{shared_tmp / "config"}"]', encoding="utf-8")
+    with pytest.raises(CaseError, match="this would run"):
+        load_case(path)
+    assert not bite.exists()
+    user.write_text(f'trust = ["{shared_tmp}"]', encoding="utf-8")
+    assert load_case(path).solid[0].material.parameters["limit"] == 20.0
+    assert bite.exists()
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("how", [["-c", "from valvefsi.cli import main; main()"], ["-m", "valvefsi"]])
+def test_files_beside_a_case_do_not_stand_for_libraries(tmp_path, how):
+    path = own_material(tmp_path, MPI.COMM_SELF)
+    bite = f"open({str(tmp_path / 'bitten')!r}, 'w').close()\n"
+    for name in ("pint", "meshio", "typer"):
+        (tmp_path / f"{name}.py").write_text(bite, encoding="utf-8")
+    command = [
+        sys.executable,
+        *(["-P"] if how[0] == "-c" else []),
+        *how,
+        "run",
+        str(path),
+        "--trust",
+        "--plan",
+    ]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "bitten").exists()
 
 
 BAD = [
@@ -150,7 +203,11 @@ BAD = [
         {"preset": "porcine_leaflet_hgo", "model": "fung"},
         r"model = 'fung': the preset .* is of the model \"hgo\"",
     ),
-    ({"model": "no_such_module.Gent"}, r"model = 'no_such_module.Gent': cannot import"),
+    (
+        {"model": "no_such_module.Gent"},
+        r"model = 'no_such_module.Gent': unknown material; one of your own is",
+    ),
+    ({"model": "none.py:Gent"}, r"model = 'none.py:Gent': there is no Python file"),
     ({"model": "hgoo"}, r"model = 'hgoo': unknown material; did you mean 'hgo'"),
     ({"families": []}, r"material\.model: this key is required"),
 ]
@@ -203,9 +260,9 @@ def test_the_schema_knows_families_and_presets():
     assert "unverified" in entries["hgo"]["properties"]["preset"]["description"]
 
 
-def test_the_schema_takes_a_material_of_ones_own_by_its_import_path():
+def test_the_schema_takes_a_material_of_ones_own_by_its_file():
     own = case_schema()["$defs"]["Material"]["oneOf"][-1]
     pattern = own["properties"]["model"]["pattern"]
     assert own["required"] == ["model"]
-    assert re.search(pattern, "my_materials.Gent")
+    assert re.search(pattern, "my_materials.py:Gent")
     assert not any(re.search(pattern, model) for model in MATERIALS)

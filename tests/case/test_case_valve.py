@@ -14,7 +14,7 @@ from valvefsi.case.build import build, run_case
 from valvefsi.case.valve import build_rigid, valve_mesh
 from valvefsi.case.valve_report import report_valve
 from valvefsi.case.valve_tables import ValveShape
-from valvefsi.coupling.kernels import largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.errors import CaseError
 from valvefsi.geometry.leaflets import pericardial
 from valvefsi.grid.grading import core_edges

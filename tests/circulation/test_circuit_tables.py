@@ -11,7 +11,7 @@ from valvefsi.case import case_defaults, case_schema, load_case, parse_case, to_
 from valvefsi.case.circuit_tables import KINDS, UNITS, say_unconnected
 from valvefsi.circulation.windkessel import Downstream
 from valvefsi.errors import CaseError
-from valvefsi.fitting.windkessel_files import circuit_text
+from valvefsi.fitting.windkessel import circuit_text
 from valvefsi.fitting.windkessel_models import CIRCUITS
 from valvefsi.units import MMHG
 

@@ -42,11 +42,11 @@ import sys, types
 from mpi4py import MPI
 from valvefsi.errors import *
 build = types.ModuleType("valvefsi.case.build")
-def run_case(case, *, out, resume, comm, progress):
+def run_case(case, *, out, comm, progress, **options):
     {body}
 build.run_case = run_case
 entry = types.SimpleNamespace(quantity="elastic step limit", value=0.0125, unit="s", note="[block]")
-build.plan_case = lambda case, comm: {{"plan": [entry]}}
+build.plan_case = lambda case, comm, out: {{"plan": [entry]}}
 sys.modules["valvefsi.case.build"] = build
 from valvefsi.cli import main
 main()
@@ -135,6 +135,13 @@ def test_what_the_user_got_wrong_ends_with_2_and_no_traceback(file, arguments, t
     ("body", "code", "text"),
     [
         ("raise ConvergenceError('no convergence in the load step')", 3, "ConvergenceError: no convergence"),
+        (
+            "raise OSError(28, 'No space left on device', 'history.csv')",
+            4,
+            "error: history.csv: No space left",
+        ),
+        ("raise MemoryError('of 8 TB')", 4, "error: out of memory (of 8 TB)"),
+        ("raise SurroundingsError('disk full; step_1.vfc is written')", 4, "error: disk full; step_1.vfc"),
         ("raise StabilityError('NaN in u at t = 1 s')", 3, "StabilityError: NaN in u at t = 1 s"),
         ("raise KeyboardInterrupt", 130, "interrupted"),
         ("raise Stopped('stopped; go on with --resume', 15)", 143, "go on with --resume"),

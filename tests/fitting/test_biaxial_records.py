@@ -87,6 +87,14 @@ def test_columns_can_be_mapped_and_others_are_said_to_be_ignored(tmp_path):
     assert data.notes == ("data.csv: columns not used: when",)
 
 
+def test_a_column_of_standard_deviations_is_passed_over(tmp_path):
+    text = GOOD.replace("P22_kPa", "P22_kPa,P11_sd,sd_P22_kPa").replace(",0,0\n", ",0,0,9,9\n")
+    text = text.replace(",4,5\n", ",4,5,9,9\n").replace(",9,12\n", ",9,12,9,9\n")
+    data = read_biaxial(written(tmp_path, text))
+    np.testing.assert_array_equal(data.stress, [[0, 0], [4, 5], [9, 12]])
+    assert data.notes == ("data.csv: columns not used: P11_sd, sd_P22_kPa",)
+
+
 def test_several_files_and_protocols_keep_their_names(tmp_path):
     one, two = written(tmp_path, GOOD, "a.csv"), written(tmp_path, GOOD.replace("\n1,", "\n2,"), "b.csv")
     data = read_biaxial([one, two])
@@ -99,10 +107,10 @@ def test_several_files_and_protocols_keep_their_names(tmp_path):
 
 
 BAD = [
-    ("stretch1,P11_kPa,P22_kPa\n1,0,0\n1.1,1,1\n", "column stretch 22: this column is missing"),
-    ("stretch1,stretch2,P11_kPa\n1,1,0\n1.1,1.1,1\n", "column pk1 22: this column is missing"),
-    ("stretch1,stretch2\n1,1\n1.1,1.1\n", "no column for the stress"),
-    ("P11_kPa,P22_kPa\n1,1\n1.1,1.1\n", "no column for the deformation"),
+    ("stretch1,P11_kPa\n1,0\n1.1,1\n", "columns missing: stretch2 and P22"),
+    ("stretch1,stretch2,P11_kPa\n1,1,0\n1.1,1.1,1\n", "columns missing: P22"),
+    ("stretch1,stretch2\n1,1\n1.1,1.1\n", r"columns missing: the stress \(PK1_1"),
+    ("P11_kPa,P22_kPa\n1,1\n1.1,1.1\n", r"columns missing: the deformation \(stretch1"),
     (GOOD.replace("stretch2", "stretch1"), "row 1, column stretch1: two columns have this name"),
     (GOOD.replace("stretch2", "lambda1"), "row 1, column lambda1: the same quantity as column stretch1"),
     (
@@ -132,6 +140,9 @@ BAD = [
     ),
     ("E11,E22,E12,S11_kPa,S22_kPa\n0,0,0,0,0\n0,0,0.7,1,1\n", "row 3: these strains leave no length"),
     ("F11,F12,F21,F22,P11_kPa,P22_kPa\n1,0,0,1,0,0\n1,1,1,1,5,5\n", "row 3, det F = 0.0: .*no usable area"),
+    ("protocol,P11_kPa\n1,1\n1,5\n", r"columns missing: P22 and the deformation \(stretch1"),
+    (GOOD.replace("9,12", "9,1e12"), r"row 4, column P22_kPa = 1000000000000.0: no tissue bears this"),
+    (GOOD.replace("1.1,1.1", "1,1").replace("1.2,1.2", "1,1"), "the deformation does not change"),
     ("", "expected a header and rows"),
     ("stretch1,stretch2\n", "expected a header and rows"),
     ("a\0b,c\n1,2\n", "not a text file"),
@@ -255,3 +266,21 @@ def test_options_that_make_no_sense_are_named(tmp_path):
             fit_biaxial(data, "lee_sacks", **options)
     with pytest.raises(CaseError, match=r"model = 'ogden'.*expected one of hgo"):
         fit_biaxial(data, "ogden")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (GOOD.replace("1.1,1.1", "1,1").replace("1.2,1.2", "1,1"), "the deformation does not change"),
+        (GOOD.replace("9,12", "9,1e12"), r"row 4, column P22_kPa = 1000000000000.0: no tissue bears this"),
+    ],
+)
+def test_what_no_test_of_tissue_gives_is_refused(tmp_path, text, said):
+    with pytest.raises(CaseError, match=said):
+        read_biaxial(written(tmp_path, text))
+
+
+def test_columns_of_scatter_are_passed_over_with_a_note(tmp_path):
+    lines = GOOD.splitlines()
+    text = "\n".join([lines[0] + ",P11_sd,sd_P22_kPa", *(f"{line},1,1" for line in lines[1:])])
+    assert any("P11_sd, sd_P22_kPa" in note for note in read_biaxial(written(tmp_path, text)).notes)

@@ -9,7 +9,8 @@ from biaxial_synthetic import records_of as synthetic
 from valvefsi.fitting import planar
 from valvefsi.fitting.biaxial import fit_biaxial
 from valvefsi.fitting.planar_hgo import HGO
-from valvefsi.fitting.uncertainty import linearised, profile
+from valvefsi.fitting.profiles import profile
+from valvefsi.fitting.uncertainty import linearised
 
 pytestmark = pytest.mark.serial  # nothing in it runs in parallel
 

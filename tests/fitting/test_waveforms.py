@@ -57,7 +57,8 @@ def test_numbers_come_in_cgs(tmp_path):
     assert np.allclose(waves["p_ao"], (10 + np.arange(6)) * KILOPASCAL)
     assert np.allclose(waves["q_ao"], np.arange(6) * LITRE_PER_MINUTE)
     assert waves.rows[0] == 3
-    assert len(waves.sha256) == 64
+    assert len(waves.origin["sha256"]) == 64
+    assert waves.notes == ("record.csv: columns not used: note",)
 
 
 def test_columns_can_be_pointed_out(tmp_path):
@@ -84,24 +85,29 @@ def test_what_is_written_reads_back(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "place", "reason"),
     [
-        ([], "", "empty"),
-        (GOOD[:1], "", "0 samples"),
+        ([], "", "expected a header and rows"),
+        (GOOD[:1], "", "expected a header and rows"),
         (GOOD[:2], "", "1 samples"),
-        (["a,b", "1,2"], "", "no column of times"),
+        (["a,b", "1,2"], "", "no column of times, such as t_s; no pressure or flow"),
+        (
+            changed(5, "0.04,1e12,12"),
+            "row 6, column p_ao_mmHg",
+            "no flow loop has this pressure, at most 7.5e+05 mmHg",
+        ),
         ([line.split(",")[0] for line in GOOD], "", "no pressure or flow"),
         (changed(0, "t_s,p_ao_mmHg,p_ao_kPa"), "column p_ao", "is there twice"),
         (changed(0, "t_s,p_ao_mmHg,q_ao_gallons"), "column q_ao_gallons", "unknown unit 'gallons'"),
         (changed(0, "t_s,p_ao,q_ao_ml_s"), "column p_ao", "no unit"),
         (changed(0, "t_h,p_ao_mmHg,q_ao_ml_s"), "column t_h", "unknown unit"),
-        (changed(5, "0.04,,12"), "row 6, column p_ao_mmHg", "found nothing"),
-        (changed(5, "0.04,nan,12"), "row 6, column p_ao_mmHg", "found nan"),
-        (changed(5, "0.04,84,twelve"), "row 6, column q_ao_ml_s", "found twelve"),
-        (changed(5, "0.04,84,inf"), "row 6, column q_ao_ml_s", "found inf"),
+        (changed(5, "0.04,,12"), "row 6, column p_ao_mmHg", "= '': expected a number"),
+        (changed(5, "0.04,nan,12"), "row 6, column p_ao_mmHg", "= 'nan': expected a finite number"),
+        (changed(5, "0.04,84,twelve"), "row 6, column q_ao_ml_s", "= 'twelve': expected a number"),
+        (changed(5, "0.04,84,inf"), "row 6, column q_ao_ml_s", "= 'inf': expected a finite number"),
         (changed(5, "0.04,84"), "row 6", "expected 3 cells"),
         (changed(5, "0.02,84,12"), "row 6, column t_s", "does not increase"),
         (changed(5, "0.03,84,12"), "row 6, column t_s", "does not increase"),
         ([*GOOD, "0.5,90,30"], "row 14, column t_s", "gap of 0.39 s"),
-        (changed(5, '0.04,"84,12'), "", "not a table"),
+        (changed(5, '0.04,"84,12'), "row 6", "cannot split this row"),
     ],
 )
 def test_a_bad_file_is_refused_by_row_and_column(tmp_path, lines, place, reason):
@@ -114,12 +120,22 @@ def test_a_bad_file_is_refused_by_row_and_column(tmp_path, lines, place, reason)
     assert "\n" not in message
 
 
+@pytest.mark.parametrize(
+    "name", ["p_ao_sd", "sd_p_ao", "p_ao_sd_mmHg", "SD P_Ao (mmHg)", "p_ao_std", "q_ao_err"]
+)
+def test_a_column_of_standard_deviations_is_passed_over_with_a_note(tmp_path, name):
+    lines = [f"{GOOD[0]},{name}", *(f"{line},0.5" for line in GOOD[1:])]
+    waves = read_waveforms(table(tmp_path, lines))
+    assert set(waves.values) == {"p_ao", "q_ao"}
+    assert waves.notes == (f"record.csv: columns not used: {name}",)
+
+
 def test_a_gap_can_be_accepted(tmp_path):
     assert len(read_waveforms(table(tmp_path, [*GOOD, "0.5,90,30"]), gaps=True).t) == 13
 
 
 def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path):
-    with pytest.raises(CaseError, match="cannot be read"):
+    with pytest.raises(CaseError, match="cannot read this file"):
         read_waveforms(tmp_path / "none.csv")
     path = tmp_path / "picture.csv"
     path.write_bytes(bytes(range(128, 256)))
@@ -209,3 +225,26 @@ def test_damaged_files_never_end_in_a_traceback(tmp_path):
             assert (np.diff(waves.t) > 0).all()
 
     damage()
+
+
+def with_column(heading):
+    return [f"{GOOD[0]},{heading}", *(f"{line},1.5" for line in GOOD[1:])]
+
+
+@pytest.mark.parametrize(
+    "heading", ["p_lv_sd", "sd_p_lv", "p_lv_std_mmHg", "q_ao SD [ml/s]", "SEM", "p_ao_err"]
+)
+def test_a_column_of_scatter_is_passed_over_with_a_note(tmp_path, heading):
+    waves = read_waveforms(table(tmp_path, with_column(heading)))
+    assert set(waves.values) == {"p_ao", "q_ao"}
+    assert waves.notes == (f"columns passed over: {heading}",)
+
+
+def test_values_that_nothing_reaches_are_refused(tmp_path):
+    for line, column in (
+        ("0.05,1e12,15", "p_ao_mmHg"),
+        ("0.05,85,-1e12", "q_ao_ml_s"),
+        ("1e12,85,15", "t_s"),
+    ):
+        with pytest.raises(CaseError, match=f"row 7, column {column}.* (plausible|gap|increase)"):
+            read_waveforms(table(tmp_path, changed(6, line)))

@@ -13,8 +13,9 @@ from scipy import stats
 from valvefsi.errors import CaseError
 from valvefsi.fitting import uncertainty
 from valvefsi.fitting.least_squares import fit
+from valvefsi.fitting.uncertainty import correlation_length
 from valvefsi.fitting.waveforms import Waveforms
-from valvefsi.fitting.windkessel import Settings, build_problem, compare, correlation_length, fit_windkessel
+from valvefsi.fitting.windkessel import Cycles, Settings, build_problem, compare, fit_windkessel
 from valvefsi.fitting.windkessel_models import CIRCUITS, find_circuit
 from valvefsi.units import MMHG
 
@@ -52,7 +53,7 @@ def record(name, *, n=161, cycles=2, periodic=False, truth=None, uneven=False):
         t[1:-1] += np.random.default_rng(2).uniform(-0.3, 0.3, n - 2) * (t[1] - t[0])
     driven = {q: y * (MMHG if q[0] == "p" else 1.0) for q, y in drive(t).items() if q in model.inputs}
     empty = Waveforms(t=t, values={**driven, model.output: np.zeros(n)})
-    simulator, _ = build_problem(empty, model, Settings(periodic=periodic), (None, 0))
+    simulator, _ = build_problem(empty, model, Settings(periodic=periodic), Cycles())
     parameters, start = TRUTH[name]
     values = np.array([*(truth or parameters).values(), *start])[: len(simulator.names)]
     curve = simulator.curve(values)
@@ -82,7 +83,7 @@ def test_clean_records_give_the_parameters_back(name, periodic, uneven):
 @pytest.mark.parametrize("name", CIRCUITS)
 def test_the_jacobian_is_the_complex_step_of_the_curve(name, periodic):
     waves, _, values = record(name, n=60, periodic=periodic, uneven=True)
-    simulator, _ = build_problem(waves, find_circuit(name), Settings(periodic=periodic), (None, 0))
+    simulator, _ = build_problem(waves, find_circuit(name), Settings(periodic=periodic), Cycles())
     by_step = [simulator.curve(values + 1e-30j * unit).imag / 1e-30 for unit in np.eye(len(values))]
     difference = simulator.jacobian(values) - np.array(by_step).T
     assert np.abs(difference).max() < 1e-12 * np.abs(by_step).max()
@@ -96,7 +97,7 @@ def test_the_95_percent_intervals_cover_the_truth(name):
     for _ in range(200):
         measured = curve + size * rng.standard_normal(len(curve))
         simulator, problem = build_problem(
-            waves.with_values({model.output: measured * MMHG}), model, Settings(), (None, 0)
+            waves.with_values({model.output: measured * MMHG}), model, Settings(), Cycles()
         )
         found = fit(problem, starts=1, first=dict(zip(simulator.names, values, strict=True)))
         intervals = uncertainty.linearised(found).intervals
@@ -114,7 +115,7 @@ def test_profile_intervals_cover_the_truth_where_parameters_trade():
     for _ in range(60):
         measured = curve + size * rng.standard_normal(len(curve))
         simulator, problem = build_problem(
-            waves.with_values({"p_lv": measured * MMHG}), model, Settings(), (None, 0)
+            waves.with_values({"p_lv": measured * MMHG}), model, Settings(), Cycles()
         )
         truth = dict(zip(simulator.names, values, strict=True))
         found = fit(problem, starts=2, first=truth)

@@ -18,8 +18,7 @@ from valvefsi.case.circuit_tables import read_circuit
 from valvefsi.cli.fit_windkessel import windkessel
 from valvefsi.errors import CaseError
 from valvefsi.fitting.waveforms import Waveforms, read_waveforms, write_waveforms
-from valvefsi.fitting.windkessel import Settings, fit_windkessel
-from valvefsi.fitting.windkessel_files import circuit_text
+from valvefsi.fitting.windkessel import Settings, circuit_text, fit_windkessel
 from valvefsi.fitting.windkessel_models import CIRCUITS
 from valvefsi.fitting.windkessel_pump import derive_pump
 from valvefsi.units import MMHG
@@ -68,7 +67,7 @@ def test_every_circuit_is_written_so_that_it_reads_back(tmp_path, name):
     path = tmp_path / "circuit.toml"
     path.write_text(circuit_text(name, values, {}, {"data": 'a "quoted" name'}), encoding="utf-8")
     stored = read_circuit(path)
-    for key, (unit, _) in CIRCUITS[name].parameters.items():
+    for key, unit in CIRCUITS[name].parameters.items():
         size = {"mmHg*s/ml": MMHG, "ml/mmHg": 1 / MMHG, "mmHg*s^2/ml": MMHG}[unit]
         assert getattr(stored.circuit, key) == pytest.approx(values[key] * size, rel=2e-15)
     assert stored.provenance["data"] == 'a "quoted" name'

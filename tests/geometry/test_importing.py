@@ -148,3 +148,24 @@ def test_the_command(tmp_path):
     )
     assert done.exit_code == 0, done.output
     assert "volume_cm3   1" in done.output or "volume_cm3   0.99" in done.output
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("empty.stl", b"", "is empty"),
+        ("none.stl", bytes(84), "holds no triangles"),
+        ("short.stl", bytes(80) + (9).to_bytes(4, "little") + bytes(60), "does not begin with solid"),
+        ("noise.stl", bytes(range(256)) * 3, "does not begin with solid"),
+        ("solid.stl", b"solid nothing\nendsolid nothing\n", "cannot read|expected triangles|holds no"),
+        ("nan.stl", bytes(80) + (1).to_bytes(4, "little") + b"\xff" * 50, "not finite"),
+        ("entities.vtu", b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><VTKFile/>', "cannot read"),
+        ("fibres.h5m", b"", "ends in one of"),
+    ],
+)
+def test_a_file_that_is_no_mesh_is_one_line(tmp_path, capfd, name, data, message):
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(CaseError, match=message) as caught:
+        import_mesh(tmp_path / name, tmp_path / "out.msh")
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")

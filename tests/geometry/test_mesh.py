@@ -139,6 +139,41 @@ CORNERS = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
 QUAD = "3 2 5 1 1 2 3 4"
 
 
+BITE = 'SystemCall "touch {0}"; Printf("x") > "{0}";'
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("script.msh", "{bite}\n"),
+        ("blank.msh", "\n\n{bite}\n"),
+        ("comment.msh", "// mesh\n{bite}\n"),
+        ("box.geo", "{bite}\n"),
+        ("box.msh.gz", "{bite}\n"),
+        ("head.msh", HEADER + "{bite}\n"),
+        ("comments.msh", "$Comments\n{bite}\n$EndComments\n" + HEADER),
+    ],
+)
+def test_a_script_is_no_mesh(tmp_path, name, text):
+    mark = tmp_path / "bitten"
+    path = tmp_path / name
+    path.write_text(text.replace("{bite}", BITE.format(mark)), encoding="utf-8")
+    with pytest.raises(CaseError) as caught:
+        read_mesh(path, MPI.COMM_SELF)
+    assert not mark.exists()
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_options_beside_a_mesh_are_not_run(tmp_path):
+    mark = tmp_path / "bitten"
+    path = tmp_path / "plain.msh"
+    path.write_text(square(CORNERS, [QUAD]), encoding="utf-8")
+    (tmp_path / "plain.msh.opt").write_text(BITE.format(mark), encoding="utf-8")
+    assert count_cells(read_mesh(path, MPI.COMM_SELF)) == 1
+    assert not mark.exists()
+
+
 def test_groups_without_a_name_get_one(comm, shared_tmp):
     mesh = read_mesh(write(comm, shared_tmp / "plain.msh", square(CORNERS, [QUAD, "1 2 7 1 1 2"])), comm)
     assert mesh.names == {"cells_5": (2, 5), "facets_7": (1, 7)}

@@ -1,12 +1,14 @@
 """Checkpoints: exact round trips between decompositions, damage recognised."""
 
 import warnings
+import zlib
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from valvefsi.errors import CaseError
-from valvefsi.io.checkpoint import Block, Rows, list_checkpoints, load_latest, save
+from valvefsi.io.checkpoint import MAGIC, Block, Rows, _inspect, list_checkpoints, load_latest, save
 
 SHAPE = (12, 7, 3)
 COUNT = 41
@@ -184,3 +186,64 @@ def test_arrays_without_entries_and_whole_numbers_survive(comm, shared_tmp):
     _, fields, rows = load_latest(shared_tmp, {"n": own}, {"none": np.zeros(0)}, comm)
     assert fields["n"].tolist() == ([-2, -1, 0, 1, 2] if comm.rank == 0 else [])
     assert rows["none"].shape == (0, 3)
+
+
+@pytest.mark.serial
+def test_pairs_of_wrong_bits_and_exchanged_words_are_recognised(tmp_path):
+    """Sums with odd weights miss a pair of sign bits in one half of all pairs of places."""
+    path = write(MPI.COMM_SELF, tmp_path, 10)
+    whole, rng = path.read_bytes(), np.random.default_rng(7)
+    words = SHAPE[0] * SHAPE[1] * SHAPE[2]  # of u0, the first array
+    start = len(whole) - 8 * (words + 3 * COUNT)
+
+    def spoilt(kind):
+        content = bytearray(whole)
+        a, b = (start + 8 * int(k) for k in rng.choice(words, 2, replace=False))
+        if kind == "signs":
+            content[a + 7] ^= 0x80
+            content[b + 7] ^= 0x80
+        elif kind == "exchanged":
+            content[a : a + 8], content[b : b + 8] = content[b : b + 8], content[a : a + 8]
+        else:
+            content[a : a + 8] = bytes(8)
+            content[b : b + 8] = bytes(8)
+        return bytes(content)
+
+    for kind in ("signs", "exchanged", "zeros"):
+        for _ in range(200):
+            path.write_bytes(spoilt(kind))
+            _, reason = _inspect(path, MPI.COMM_SELF)
+            assert reason == "wrong checksum of u0", kind
+    path.write_bytes(whole)
+    assert _inspect(path, MPI.COMM_SELF)[1] is None
+
+
+def test_strange_files_among_checkpoints_are_passed_over(comm, shared_tmp):
+    path = write(comm, shared_tmp, 10, seed=3)
+    if comm.rank == 0:
+        (shared_tmp / "step_abc.vfc").write_text("mine")
+        (shared_tmp / "step_00000020.vfc.bak").write_text("mine")
+        (shared_tmp / "step_00000030.vfc").mkdir()
+        (shared_tmp / "step_00000005.vfc").write_text("no checkpoint")
+    comm.barrier()
+    assert list_checkpoints(shared_tmp)[-1] == path
+    assert_is(comm, read(comm, shared_tmp), 10, seed=3)
+
+
+def test_a_header_that_another_program_wrote_is_no_traceback(comm, shared_tmp):
+    write(comm, shared_tmp, 10, seed=3)
+    for text in (
+        b"[]",
+        b"{}",
+        b'{"bytes": 0, "arrays": {"u0": {"dtype": "O"}}}',
+        b'{"bytes": "x", "arrays": {}}',
+        b"{",
+    ):
+        prefix = MAGIC + np.array([len(text), zlib.crc32(text)], dtype="<u8").tobytes()
+        if comm.rank == 0:
+            (shared_tmp / "step_00000020.vfc").write_bytes(prefix + text)
+        comm.barrier()
+        found, messages = read_quietly(comm, shared_tmp)
+        assert_is(comm, found, 10, seed=3)
+        assert len(messages) == (comm.rank == 0)
+        comm.barrier()

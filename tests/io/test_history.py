@@ -1,5 +1,7 @@
 """Histories: every digit, and no gap or double after a restart."""
 
+import contextlib
+
 import pytest
 
 from valvefsi.errors import CaseError
@@ -63,3 +65,17 @@ def test_other_columns_are_refused_on_all_ranks(comm, shared_tmp):
         History(path, ("step", "t_s"), comm, resume_step=1)
     with pytest.raises(ValueError, match="differ in u_y_cm"):
         History(path, COLUMNS, comm).append({"step": 1, "t_s": 0.1})
+
+
+def test_damaged_rows_are_passed_over_with_one_line(comm, shared_tmp):
+    path = shared_tmp / "history.csv"
+    bad = ["x,0.2,0.3", "2,0.2", "2,0.2,0.3,4", "\0\0\0", "1,0.1,0.5", "2,zz,1", "99999"]
+    if comm.rank == 0:
+        path.write_text("\n".join(["step,t_s,u_y_cm", "1,0.1,0.5", *bad, "3,0.3,0.7", ""]))
+    comm.barrier()
+    with contextlib.ExitStack() as stack:
+        if comm.rank == 0:
+            stack.enter_context(pytest.warns(UserWarning, match=r"history\.csv: 7 damaged rows passed over"))
+        History(path, COLUMNS, comm, resume_step=5)
+    comm.barrier()
+    assert read_history(path) == {"step": [1, 3], "t_s": [0.1, 0.3], "u_y_cm": [0.5, 0.7]}

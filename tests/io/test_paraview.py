@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from valvefsi.io.paraview import FluidSeries, SolidSeries
+from valvefsi.io.series import read_times
 
 CELLS = (8, 5, 3)
 LOWER, SPACING = (-1.0, 0.5, 0.0), (0.25, 0.25, 0.25)
@@ -181,3 +182,30 @@ def test_a_solid_is_read_back_with_displacement_and_J(comm, shared_tmp):
         ("triangle", [[1, 4, 2]]),
     ]
     assert [float(block[0]) for block in mesh.cell_data["J"]] == [0.9, 1.1]
+
+
+def test_a_cut_list_of_times_is_gone_on_with_in_one_line(comm, shared_tmp):
+    writer = series(comm, shared_tmp)
+    for t in (0.0, 0.5, 1.0):
+        write(writer, t)
+    path = shared_tmp / "fluid.pvd"
+    if comm.rank == 0:
+        whole = path.read_bytes()
+        path.write_bytes(whole[: whole.rindex(b"<DataSet") + 20])
+        assert [t for t, _ in read_times(path)] == [0.0, 0.5]
+        with pytest.warns(UserWarning, match=r"fluid\.pvd was cut off; it goes on after 2 times") as caught:
+            again = series(comm, shared_tmp, resume_time=2.0)
+        assert "\n" not in str(caught[0].message)
+    else:
+        again = series(comm, shared_tmp, resume_time=2.0)
+    write(again, 1.0)
+    assert [t for t, _ in read_times(path)] == [0.0, 0.5, 1.0]
+
+
+def test_a_list_of_times_leads_to_no_file_outside_its_folder(tmp_path):
+    items = ["../a.vtu", "/etc/passwd", "fluid/b.vtu"]
+    lines = [f'<DataSet timestep="{t}" part="0" file="{item}"/>' for t, item in enumerate(items)]
+    (tmp_path / "fluid.pvd").write_text(
+        "\n".join([*lines, '<DataSet timestep="nan" file="c.vtu"/>', "<DataSet"])
+    )
+    assert read_times(tmp_path / "fluid.pvd") == [(2.0, "fluid/b.vtu")]

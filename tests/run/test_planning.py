@@ -8,7 +8,7 @@ import pytest
 from tests.coupled_case import block_model, coupled, moved, simulation
 from valvefsi import fsi
 from valvefsi.coupling.elemental import ElementalCoupling
-from valvefsi.coupling.kernels import largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.run.planning import plan, step_limits

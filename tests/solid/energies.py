@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from tests.solid.pointwise import Pointwise
 from valvefsi.solid.materials import (
     HGO,
     Fung,
@@ -19,7 +20,6 @@ from valvefsi.solid.materials import (
     Volumetric,
 )
 from valvefsi.solid.materials.fibre_reinforced import FibreFamily
-from valvefsi.solid.pointwise import Pointwise
 
 FAMILIES = (
     FibreFamily(k1=4.0, k2=1.5, kappa=0.1, fibre=25.0),

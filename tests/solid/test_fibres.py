@@ -153,7 +153,7 @@ def test_fibres_are_read_from_a_file(comm, shared_tmp, at):
         fibres.read_fibres(mesh, path, "fibre")
     with pytest.raises(CaseError, match="cells without data"):
         fibres.read_fibres(box(comm, elements=(2, 1, 1)), path, "f")
-    with pytest.raises(CaseError, match="no such file"):
+    with pytest.raises(CaseError, match="no such mesh file"):
         fibres.read_fibres(mesh, shared_tmp / "missing.vtu", "f")
     if comm.rank == 0:
         (shared_tmp / "junk.vtu").write_text("nothing", encoding="utf-8")

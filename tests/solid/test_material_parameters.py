@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ from valvefsi.solid.materials import (
     Volumetric,
     find_material,
     kappa_stab,
+    load_material,
     stabilisation,
 )
 from valvefsi.solid.materials.fibre_reinforced import FibreFamily
@@ -86,10 +89,12 @@ def test_a_material_refuses_a_parameter_that_cannot_be(kind, values, message):
         kind(**values)
 
 
-def test_a_material_of_ones_own_is_found_by_its_import_path(tmp_path, monkeypatch):
-    (tmp_path / "gent_material.py").write_text(GENT, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    gent = find_material("gent_material.Gent")(mu=8.0, limit=30.0)
+def test_a_material_of_ones_own_is_loaded_by_its_file_and_nothing_beside_it_is(tmp_path):
+    (tmp_path / "gent.py").write_text(GENT, encoding="utf-8")
+    (tmp_path / "ufl.py").write_text("raise SystemExit('a file beside the case ran')", encoding="utf-8")
+    path = list(sys.path)
+    gent = find_material(load_material(tmp_path / "gent.py", "Gent"))(mu=8.0, limit=30.0)
+    assert sys.path == path
     l1, l2 = 1.3, 1.1
     I1 = l1**2 + l2**2 + 1 / (l1 * l2) ** 2
     expected = 8.0 * 30 / (30 - I1 + 3) * (np.array([l1, l2]) ** 2 - 1 / (l1 * l2) ** 2)
@@ -97,17 +102,23 @@ def test_a_material_of_ones_own_is_found_by_its_import_path(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("model", "message"),
+    ("text", "message"),
     [
-        ("no_such_module.Gent", "cannot import this material .ModuleNotFoundError"),
-        ("math.cosine", "cannot import this material .AttributeError"),
-        ("math.cos", "not a material"),
-        ("not a path", "no such material"),
-        ("neo_hooke", "no such material"),
+        ("import no_such_module", "cannot load this material .ModuleNotFoundError"),
+        ("class Other: pass", "cannot load this material .AttributeError"),
+        ("class Gent: pass", "not a material"),
+        ("class Gent:", "cannot load this material .IndentationError"),
     ],
 )
-def test_an_import_path_that_leads_to_no_material_is_refused(model, message):
+def test_a_file_without_the_material_is_refused(tmp_path, text, message):
+    (tmp_path / "own.py").write_text(text, encoding="utf-8")
     with pytest.raises(CaseError, match=message):
+        load_material(tmp_path / "own.py", "Gent")
+
+
+@pytest.mark.parametrize("model", ["no_such_module.Gent", "math.cos", "neo_hooke", "never/loaded.py:Gent"])
+def test_a_name_is_never_imported(model):
+    with pytest.raises(CaseError, match=r'no such material; one of your own is "FILE\.py:CLASS"'):
         find_material(model)
 
 

@@ -22,10 +22,10 @@ from tests.solid.energies import (
     random_gradients,
     random_rotation,
 )
+from tests.solid.pointwise import Pointwise
 from valvefsi.errors import CaseError
 from valvefsi.solid.materials import HGO
 from valvefsi.solid.materials.fibre_reinforced import FibreFamily
-from valvefsi.solid.pointwise import Pointwise
 
 every_energy = pytest.mark.parametrize("energy", ENERGIES, ids=name)
 every_dim = pytest.mark.parametrize("dim", [2, 3])

@@ -103,6 +103,10 @@ class BodyBase(ABC):
         """Return the momentum of the fluid in it, ``(3,)`` [g cm/s] (collective)."""
         return np.zeros(3)
 
+    def stored(self, q: Table) -> float:
+        """Return the energy it can give back: of deformation, of its springs, of its excess mass [erg] (collective)."""
+        return 0.0
+
     def columns(self) -> list[str]:
         """Return the names of its columns in the history."""
         return []

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from valvefsi.coupling.transfer import Coupling
     from valvefsi.grid import MacGrid
     from valvefsi.solid.structure import Structure
-    from valvefsi.types import Array, Faces, Table, Transfer
+    from valvefsi.types import Array, Faces, Indices, Table, Transfer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,11 +38,13 @@ class ElasticHalf:
         """Add the forces to the force density f on the faces [dyn/cm^3]. Collective."""
         self.transfer.spread(self.force, out=f)
 
-    def whole(self, u_half: Faces) -> Table:
-        """Return the state after the step: carried by the velocity at its middle, and by Darcy slip. Collective."""
-        V = self.transfer.interpolate(u_half)
-        if self.mobility is not None:
-            V += self.mobility * self.force
+    def velocity(self, u_half: Faces) -> Array:
+        """Return the velocity of the fluid at the nodes, ``(n, 3)`` [cm/s]. Collective."""
+        return self.transfer.interpolate(u_half)
+
+    def whole(self, U: Array) -> Table:
+        """Return the state after the step: carried by the velocity U at its middle, and by Darcy slip."""
+        V = U if self.mobility is None else U + self.mobility * self.force
         return {"chi": self.chi + self.dt * V}
 
 
@@ -76,7 +78,7 @@ class Elastic(BodyBase):
         return self.solid.X
 
     @property
-    def ids(self) -> Array:  # type: ignore[override]
+    def ids(self) -> Indices:  # type: ignore[override]
         """Numbers of this rank's nodes, ``(n,)``."""
         return self.solid.ids
 
@@ -109,6 +111,10 @@ class Elastic(BodyBase):
         """Return the momentum of the fluid in it, ``(3,)`` [g cm/s] (collective)."""
         U = self.coupling.at(q["chi"]).interpolate(u)
         return self.solid.comm.allreduce(rho * self.solid.weights @ U)
+
+    def stored(self, q: Table) -> float:
+        """Return the elastic energy and that of its tethers [erg] (collective)."""
+        return self.solid.energy(q["chi"]) + self.solid.tether_energy(q["chi"])
 
     @property
     def _change(self) -> str:
@@ -152,7 +158,7 @@ class Elastic(BodyBase):
         The points are the nodes, or for elemental coupling those that are refined until no gap is larger than allowed.
         """
         gap = self.solid.longest_gap(q["chi"])
-        return gap if self.coupling.nodal else min(gap, self.coupling.gap)
+        return min(gap, self.coupling.gap)
 
     @property
     def remedy(self) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valvefsi.bodies.body import Entry
-from valvefsi.coupling.kernels import largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
 
 if TYPE_CHECKING:
     from valvefsi.bodies.elastic import Elastic
@@ -110,14 +110,16 @@ def static_displacements(solid: Structure) -> list[Entry]:
     """Return how far each tether yields under the mean of the loads it carries: mean traction / stiffness."""
     entries, total = [], np.zeros(3)
     for load in solid.load_report():
-        total[: len(load.value)] += np.array(load.value) * load.measure
+        traction = np.atleast_1d(load.value)
+        total[: len(traction)] += traction * load.measure
     for tether in solid.tether_report():
         force = max((abs(total["xyz".index(axis)]) for axis in tether.components), default=0.0)
+        stiffness = float(np.max(tether.value))
         where = "body" if tether.on is None else ", ".join(tether.on)
         entries.append(
             Entry(
                 quantity=f"static displacement of the tether on {where} ({''.join(tether.components)})",
-                value=force / (tether.measure * tether.value) if tether.value else math.inf,
+                value=force / (tether.measure * stiffness) if stiffness else math.inf,
                 unit="cm",
                 note="mean traction / stiffness",
             )

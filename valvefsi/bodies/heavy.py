@@ -47,9 +47,9 @@ class HeavyHalf(ElasticHalf):
     Y: Array
     V: Array
 
-    def whole(self, u_half: Faces) -> Table:
-        """Return the state after the step. Collective."""
-        return super().whole(u_half) | {"Y": self.Y, "V": self.V}
+    def whole(self, U: Array) -> Table:
+        """Return the state after the step."""
+        return super().whole(U) | {"Y": self.Y, "V": self.V}
 
 
 class Heavy(Elastic):
@@ -120,6 +120,10 @@ class Heavy(Elastic):
             Y=Y + 0.5 * dt * (V + V_new),
             V=V_new,
         )
+
+    def stored(self, q: Table) -> float:
+        """Return the elastic energy, that of its tethers and the kinetic one of its excess mass [erg] (collective)."""
+        return super().stored(q) + self.kinetic_energy(q)
 
     def excess_momentum(self, q: Table) -> Array:
         """Return the momentum of its excess mass, ``(3,)`` [g cm/s] (collective)."""

@@ -60,8 +60,15 @@ class PatchedSurface(RigidSurface):
         stiffness: float,
         damping: float,
     ) -> None:
-        held = {"stiffness": stiffness, "damping": damping, "faces": surface.faces}
-        super().__init__(surface.points, surface.areas, coupling, name=name, **held)
+        super().__init__(
+            surface.points,
+            surface.areas,
+            coupling,
+            name=name,
+            stiffness=stiffness,
+            damping=damping,
+            faces=surface.faces,
+        )
         self.patches = Patches(labels, surface.normals, surface.areas).on(self.ids, coupling.grid.comm)
 
     def held(self, v: Array) -> Array:
@@ -93,7 +100,7 @@ class Patches:
         means = _means(self.labels, normals, areas)
         self.turns[together] = _turns(normals[together], means[self.labels[together]])
 
-    def on(self, ids: Indices, comm: MPI.Intracomm) -> LocalPatches:
+    def on(self, ids: Indices, comm: MPI.Comm) -> LocalPatches:
         """Return what a rank needs that holds the points with these numbers."""
         return LocalPatches(self, ids, comm)
 
@@ -101,7 +108,7 @@ class Patches:
 class LocalPatches:
     """The projection P for the points of this rank."""
 
-    def __init__(self, patches: Patches, ids: Indices, comm: MPI.Intracomm) -> None:
+    def __init__(self, patches: Patches, ids: Indices, comm: MPI.Comm) -> None:
         self.comm, size = comm, len(patches.total)
         labels, turns = patches.labels[ids], patches.turns[ids]
         here = np.flatnonzero(labels >= 0)

@@ -46,10 +46,13 @@ class RigidHalf:
         """Add the forces to the force density f on the faces [dyn/cm^3]. Collective."""
         self.transfer.spread(self.force, out=f)
 
-    def whole(self, u_half: Faces) -> Table:
-        """Return the state after the step, carried by the velocity at its middle. Collective."""
-        U = self.surface.held(self.transfer.interpolate(u_half))
-        return {"d": (1.0 - self.dt * self.surface.slip) * self.d + self.dt * U}
+    def velocity(self, u_half: Faces) -> Array:
+        """Return the velocity of the fluid at the points, ``(n, 3)`` [cm/s]. Collective."""
+        return self.transfer.interpolate(u_half)
+
+    def whole(self, U: Array) -> Table:
+        """Return the state after the step, carried by the velocity U at its middle. Collective."""
+        return {"d": (1.0 - self.dt * self.surface.slip) * self.d + self.dt * self.surface.held(U)}
 
 
 class RigidSurface(BodyBase):
@@ -92,7 +95,7 @@ class RigidSurface(BodyBase):
         if not stiffness > 0.0 or not damping >= 0.0 or not slip >= 0.0:
             message = "expected stiffness > 0, damping >= 0 and slip >= 0"
             raise ValueError(f"{message}, got {stiffness}, {damping}, {slip}")
-        self.name = name
+        self.name, self.comm = name, coupling.grid.comm
         self.stiffness, self.damping, self.slip = float(stiffness), float(damping), float(slip)
         self.ids = np.asarray(coupling.own(points), dtype=np.int64)
         self.num_points = len(points)
@@ -111,6 +114,11 @@ class RigidSurface(BodyBase):
         force = self.force(q["d"] + 0.5 * dt * U, U)
         return RigidHalf(q["d"], force, self.transfer, self, dt)
 
+    def stored(self, q: Table) -> float:
+        """Return the energy of its springs [erg] (collective)."""
+        here = 0.5 * self.stiffness * float(self.weights @ (q["d"] ** 2).sum(axis=1))
+        return self.comm.allreduce(here)
+
     def force(self, d: Array, U: Array) -> Array:
         """Return the force on the fluid of points carried by d and moving with U, ``(n, 3)`` [dyn]."""
         return self.weights[:, None] * self.held(-self.stiffness * d - self.damping * U)
@@ -123,7 +131,7 @@ class RigidSurface(BodyBase):
         """Return the surface with a clock around its transfer."""
         other = copy(self)
         phases = {"spread": "rigid surfaces", "interpolate": "rigid surfaces"}
-        other.transfer = Timed(self.transfer, table, phases)  # type: ignore[assignment]
+        other.transfer = Timed(self.transfer, table, phases)
         return other
 
     def series(self, folder: Path, comm: MPI.Comm, resume_time: float | None) -> NoSeries:

@@ -17,20 +17,24 @@ from valvefsi.case.circulation import build_circulation, connected
 from valvefsi.case.fibres import add_fibres
 from valvefsi.case.materials import make_material, say_provenance
 from valvefsi.case.models import Case, Mesh, Solid
+from valvefsi.case.resuming import clear, provenance_of, run_folder
 from valvefsi.case.sides import build_fluid, build_grid
 from valvefsi.case.valve import build_rigid, find_orifice, valve_mesh
 from valvefsi.case.valve_report import report_valve
-from valvefsi.case.writing import to_dict, to_toml
+from valvefsi.case.writing import to_toml
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
-from valvefsi.errors import CaseError
+from valvefsi.errors import CaseError, raise_together
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
 from valvefsi.geometry import mesh as meshes
 from valvefsi.geometry import shapes
 from valvefsi.grid import MacGrid
+from valvefsi.io.folder import write_text
+from valvefsi.io.history import read_history
 from valvefsi.post.diagnostics import Section
 from valvefsi.post.diagnostics.control_volume import ControlVolume
+from valvefsi.run.energy import balance
 from valvefsi.run.forces import ForceOutput
 from valvefsi.run.planning import plan
 from valvefsi.run.recording import Output, Probe
@@ -41,14 +45,17 @@ from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.structure import Damping, Discretisation, Structure
 
+Changes = tuple[dict[str, object], ...]
 
-def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
+
+def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD, changes: Changes = ()) -> Simulation:
     """Build the simulation of a case.
 
     Args:
         case: The case, checked.
         out: Folder of the run.
         comm: Communicator of the run.
+        changes: Changes of the case since the run began, see `run_folder`.
 
     Raises:
         CaseError: A mesh does not fit the case.
@@ -66,7 +73,7 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Simulation:
     circulation = build_circulation(case)
     bodies = (*elastic, *build_rigid(case, grid))
     model = Model(grid=grid, fluid=fluid, bodies=bodies, circulation=circulation)
-    return Simulation(model, _schedule(case), _output(case, out, grid))
+    return Simulation(model, _schedule(case), _output(case, out, grid, changes))
 
 
 def _coupling(fluid: NavierStokes, given: Solid, solid: Structure) -> Coupling | ElementalCoupling:
@@ -93,17 +100,21 @@ def _schedule(case: Case) -> Schedule | AdaptiveSchedule:
     return AdaptiveSchedule(**limits, cfl=case.time.cfl, max_recoveries=case.time.max_recoveries)
 
 
-def write_case(case: Case, out: Path, comm: MPI.Comm) -> None:
-    """Keep the case beside its results. Collective."""
-    if comm.rank == 0:
-        Path(out).mkdir(parents=True, exist_ok=True)
-        (Path(out) / "case.toml").write_text(to_toml(case))
-    comm.barrier()
+def write_case(case: Case, out: Path, comm: MPI.Comm, changes: Changes = ()) -> None:
+    """Keep the case beside its results, with what was changed on the way. Collective."""
+    error = None
+    try:
+        if comm.rank == 0:
+            notes = [f"# t = {c['t_s']:.9g} s: {c['key']} was {c['old']!r}" for c in changes]
+            write_text(Path(out) / "case.toml", "\n".join([*notes, to_toml(case)]))
+    except OSError as failure:
+        error = failure
+    raise_together(comm, error)
 
 
-def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, object]:
-    """Return the plan of a case, see `valvefsi.run.planning`. Collective."""
-    return {"plan": plan(build(case, Path(), comm))}
+def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, out: Path = Path()) -> dict[str, object]:
+    """Return the plan of a case that would run in a folder, see `valvefsi.run.planning`. Collective."""
+    return {"plan": plan(build(case, out, comm))}
 
 
 def run_case(
@@ -111,6 +122,8 @@ def run_case(
     *,
     out: Path,
     resume: bool = False,
+    overwrite: bool = False,
+    allow_change: bool = False,
     comm: MPI.Comm = MPI.COMM_WORLD,
     progress: Progress | None = None,
 ) -> dict[str, object]:
@@ -120,6 +133,8 @@ def run_case(
         case: The case.
         out: Folder of the results.
         resume: Whether to go on from the last checkpoint in the folder.
+        overwrite: Whether a run in the folder may be replaced.
+        allow_change: Whether a run that goes on may differ in what is no part of its state, such as a material.
         comm: Communicator of the run.
         progress: Called after every step.
 
@@ -129,14 +144,24 @@ def run_case(
     Note:
         Collective.
     """
-    simulation = build(case, out, comm)
-    write_case(case, out, comm)
-    outcome = simulation.run(resume=resume, progress=progress)
-    last = simulation.pictures(outcome.state, title=case.title)
-    result = {"last": last, "timing": outcome.timing(simulation.model.grid)}
-    if comm.rank == 0:
-        result |= report_valve(case, Path(out))
-        (Path(out) / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
+    out = Path(out)
+    options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
+    with run_folder(case, out, comm, **options) as changes:
+        simulation = build(case, out, comm, changes)
+        if overwrite and not resume:
+            clear(out, comm)
+        write_case(case, out, comm, changes)
+        outcome = simulation.run(resume=resume, progress=progress)
+        last = simulation.pictures(outcome.state, title=case.title)
+        result = {"last": last, "timing": outcome.timing(simulation.model.grid)}
+        if changes:
+            result["changes"] = list(changes)
+        if comm.rank == 0:
+            if case.output.energy:
+                history = read_history(out / "history.csv")
+                result["energy"] = balance(history, history["t_s"][0], history["t_s"][-1])
+            result |= report_valve(case, out)
+            write_text(out / "summary.json", json.dumps(result, indent=2) + "\n")
     return result
 
 
@@ -160,7 +185,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
         )
     check_against_mesh(case, number, tags=mesh.names, lower=lower, upper=upper)
     key = f"solid.{given.name}"
-    mesh = add_fibres(mesh, given.fibre, key)
+    mesh = add_fibres(mesh, given.fibre, key, given.material)
     say_provenance(given.material, key, comm)
     try:
         return Structure(
@@ -266,7 +291,7 @@ def _forces(case: Case, grid: MacGrid) -> tuple[ForceOutput, ...]:
     return tuple(forces)
 
 
-def _output(case: Case, out: Path, grid: MacGrid) -> Output:
+def _output(case: Case, out: Path, grid: MacGrid, changes: Changes) -> Output:
     probes = tuple(
         Probe(name=probe.name, body=number, at=tuple(probe.at))
         for number, solid in enumerate(case.solid)
@@ -281,6 +306,7 @@ def _output(case: Case, out: Path, grid: MacGrid) -> Output:
         keep_checkpoints=case.output.keep_checkpoints,
         probes=probes,
         forces=_forces(case, grid),
+        energy=case.output.energy,
         orifice=find_orifice(case),
         averages_from=case.output.averages_from,
         lines={
@@ -291,5 +317,5 @@ def _output(case: Case, out: Path, grid: MacGrid) -> Output:
         sections=_sections(case, grid),
         dissipation=case.output.dissipation,
         stress=case.output.stress,
-        provenance=to_dict(case),
+        provenance=provenance_of(case, changes),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from valvefsi.case.includes import read_toml
 from valvefsi.case.overrides import nearest
 from valvefsi.case.quantities import Quantity, Stress, Time
 from valvefsi.case.table import Name, Table, problem
@@ -172,12 +172,7 @@ def read_circuit(path: str | Path) -> BuiltCircuit:
         CaseError: A key is missing, not known or holds what cannot be used.
     """
     path = Path(path)
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CaseError(f"cannot be read ({error.strerror})", file=path) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CaseError(f"not TOML: {error}", file=path) from None
+    raw = read_toml(path)
     pump = raw.get("pump")
     if isinstance(pump, dict) and isinstance(pump.get("file"), str):
         pump["file"] = str(path.parent / pump["file"])

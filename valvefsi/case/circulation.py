@@ -16,6 +16,7 @@ from valvefsi.case.overrides import nearest
 from valvefsi.case.quantities import Quantity
 from valvefsi.circulation.loop import FLOWS, Connection, FlowLoop, NoCirculation
 from valvefsi.errors import CaseError
+from valvefsi.units import PLAUSIBLE
 
 
 def connected(case: Case) -> dict[str, str]:
@@ -94,7 +95,11 @@ def _column(table: TimeTable, name: str, path: Path) -> np.ndarray:
         if heading.startswith(f"{name}_"):
             unit = heading[len(name) + 1 :].replace("_", "/")
             try:
-                return values * Quantity(UNITS[name[0]]).parse(f"1 {unit}")
+                values = values * Quantity(UNITS[name[0]]).parse(f"1 {unit}")
             except PydanticCustomError as error:
                 raise CaseError(error.message(), file=path, key=heading) from None
+            if np.abs(values).max() > PLAUSIBLE[name[0]]:
+                message = f"at most {PLAUSIBLE[name[0]]:g} {UNITS[name[0]]} is plausible"
+                raise CaseError(message, file=path, key=heading, value=float(np.abs(values).max()))
+            return values
     raise CaseError(f"expected a column such as {name}_{'mmHg' if name[0] == 'p' else 'ml_s'}", file=path)

@@ -48,7 +48,9 @@ FUNCTIONS: dict[str, Callable] = {
     "max": np.maximum,
     "where": np.where,
 }
-CONSTANTS = {"pi": np.pi}
+CONSTANTS: dict[str, Array | float] = {"pi": np.pi}
+LONGEST, DEEPEST, LARGEST = 2000, 100, 1e300
+"""Characters, nested operations, and the size of a number, that an expression may have."""
 COORDINATES = ("x", "y", "z", "t")
 
 
@@ -69,10 +71,14 @@ class Expression:
 
     def __post_init__(self) -> None:
         """Check every part of it."""
+        if len(self.text) > LONGEST:
+            raise ValueError(f"an expression has at most {LONGEST} characters")
         try:
-            tree = ast.parse(self.text, mode="eval")
+            tree = ast.parse(self.text.strip(), mode="eval")
         except SyntaxError as error:
             raise ValueError(f"not an expression: {error.msg}") from None
+        except (ValueError, RecursionError, MemoryError):  # what Python's parser makes of zeros and of depth
+            raise ValueError("not an expression") from None
         known = (*COORDINATES, *CONSTANTS, *self.names)
         _check(tree.body, known)
         object.__setattr__(self, "_tree", tree.body)
@@ -83,15 +89,17 @@ class Expression:
         Args:
             values: Value of every name.
         """
-        return _value(self._tree, {**CONSTANTS, **values})
+        known = {name: np.asarray(value, dtype=float) for name, value in {**CONSTANTS, **values}.items()}
+        with np.errstate(all="ignore"):  # who asks looks at the value
+            return _value(self._tree, known)
 
 
-def _check(node: ast.AST, known: Collection[str]) -> None:
-    if (
-        isinstance(node, ast.Constant)
-        and isinstance(node.value, int | float)
-        and not isinstance(node.value, bool)
-    ):
+def _check(node: ast.AST, known: Collection[str], depth: int = 0) -> None:
+    if depth > DEEPEST:
+        raise ValueError("nested too deeply")
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        if not abs(node.value) < LARGEST:
+            raise ValueError("a number is not finite")
         return
     if isinstance(node, ast.Name):
         if node.id not in known:
@@ -109,14 +117,14 @@ def _check(node: ast.AST, known: Collection[str]) -> None:
         if len(parts) != wanted:
             raise ValueError(f"{node.func.id} takes {wanted} value{'s' * (wanted > 1)}, found {len(parts)}")
     else:
-        raise ValueError(f"{ast.unparse(node)!r} is not arithmetic")
+        raise ValueError(f"{type(node).__name__} is not arithmetic")
     for part in parts:
-        _check(part, known)
+        _check(part, known, depth + 1)
 
 
 def _value(node: ast.AST, values: Mapping[str, Array | float]) -> Array | float:
     if isinstance(node, ast.Constant):
-        return float(node.value)
+        return np.float64(node.value)  # not Python's: that one raises, or turns complex
     if isinstance(node, ast.Name):
         return values[node.id]
     if isinstance(node, ast.BinOp):

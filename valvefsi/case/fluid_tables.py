@@ -11,9 +11,11 @@ from pydantic import Field, model_validator
 from valvefsi.case.expressions import Expression
 from valvefsi.case.quantities import Density, Length, Stress, Velocity, Viscosity
 from valvefsi.case.table import Table, problem
-from valvefsi.grid.grading import core_edges, graded_edges
+from valvefsi.grid.grading import core_edges, graded_edges, nearest_spacing
 
 SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
+MOST = 100_000
+"""Cells that an axis may have."""
 Spacings = tuple[tuple[Length, Annotated[Length, Field(gt=0)]], ...]
 
 
@@ -24,7 +26,7 @@ class Grid(Table):
         (), description="Lower corner of the box, 2 entries or 3; or give x, y (and z)"
     )
     upper: tuple[Length, ...] = Field((), description="Upper corner of the box")
-    cells: tuple[Annotated[int, Field(ge=4)], ...] = Field(
+    cells: tuple[Annotated[int, Field(ge=4, le=MOST)], ...] = Field(
         (), description="Cells along each axis, at least 4; the spacing must be the same on all axes"
     )
     h: Length | None = Field(
@@ -32,6 +34,10 @@ class Grid(Table):
         gt=0,
         description="Spacing in the core of the box, instead of cells; outside the core cells grow",
         examples=["1 mm"],
+    )
+    adjust: bool = Field(
+        False,
+        description="h only: take the nearest spacing of which an axis without a core is a whole number",
     )
     core_lower: tuple[Length, ...] = Field(
         (), description="h only: lower corner of the core, the box's when left out"
@@ -63,12 +69,9 @@ class Grid(Table):
             )
         spacing = [(b - a) / n for a, b, n in zip(self.lower, self.upper, self.cells, strict=True)]
         if max(spacing) - min(spacing) > 1e-12 * max(spacing):
-            fit = [round((b - a) / spacing[0]) for a, b in zip(self.lower, self.upper, strict=True)]
-            exact = all(
-                abs(n * spacing[0] - b + a) < 1e-9 * b
-                for n, a, b in zip(fit, self.lower, self.upper, strict=True)
-            )
-            hint = f"; {fit} would do" if exact else ""
+            near = nearest_spacing([b - a for a, b in zip(self.lower, self.upper, strict=True)], spacing[0])
+            fit = [round((b - a) / near) for a, b in zip(self.lower, self.upper, strict=True)] if near else []
+            hint = f"; {fit} would do" if near else ""
             shown = ", ".join(f"{h:.6g}" for h in spacing)
             raise problem(
                 f"the spacing must be the same on all axes, it is {shown} cm{hint}", "cells", list(self.cells)
@@ -89,6 +92,11 @@ class Grid(Table):
         smallest = []
         for axis, points in zip("xyz", (self.x, self.y, self.z), strict=True):
             if points:
+                span, least = points[-1][0] - points[0][0], min(spacing for _, spacing in points)
+                if span > MOST * least:
+                    raise problem(
+                        f"expected at most {MOST} cells along an axis", axis, [list(p) for p in points]
+                    )
                 try:
                     smallest.append(np.diff(graded_edges(points)).min())
                 except ValueError as error:
@@ -115,6 +123,16 @@ class Grid(Table):
         for a, b, key in zip(corners, corners[1:], ("core_lower", "core_upper", "upper"), strict=False):
             if not all(x <= y for x, y in zip(a, b, strict=True)):
                 raise problem("expected lower <= core_lower < core_upper <= upper", key, list(b))
+        longest = max(b - a for a, b in zip(self.lower, self.upper, strict=True))
+        if longest > MOST * self.h:
+            raise problem(f"expected at most {MOST} cells along an axis of {longest:g} cm", "h", self.h)
+        if any(abs(length / self.spacing - round(length / self.spacing)) > 1e-6 for length in self._whole):
+            near = (
+                f"; {self._nearest:.9g} cm is, adjust = true takes it"
+                if self._nearest
+                else ", nor of a near one"
+            )
+            raise problem(f"an axis is not a whole number of cells of this spacing{near}", "h", self.h)
         try:
             edges = self.edges
         except ValueError as error:
@@ -128,6 +146,17 @@ class Grid(Table):
         return self.core_lower or self.lower, self.core_upper or self.upper
 
     @property
+    def _whole(self) -> list[float]:
+        """Lengths of the axes that are all core [cm]."""
+        ends = zip(self.lower, *self._core, self.upper, strict=True)
+        return [b - a for a, first, last, b in ends if a == first and last == b]
+
+    @cached_property
+    def _nearest(self) -> float | None:
+        """Spacing nearest to h that fits these axes [cm]."""
+        return nearest_spacing(self._whole, self.h) if self._whole else None
+
+    @property
     def graded(self) -> bool:
         """Whether the grid is given by spacings."""
         return bool(self.x) or any(
@@ -139,7 +168,8 @@ class Grid(Table):
         """Edges of the cells along each axis [cm]."""
         if self.h is not None:
             return [
-                core_edges(*ends, self.h) for ends in zip(self.lower, *self._core, self.upper, strict=True)
+                core_edges(*ends, self.spacing)
+                for ends in zip(self.lower, *self._core, self.upper, strict=True)
             ]
         if self.x:
             return [graded_edges(points) for points in (self.x, self.y, self.z) if points]
@@ -170,7 +200,7 @@ class Grid(Table):
     def spacing(self) -> float:
         """Grid spacing, the smallest on a graded grid [cm]."""
         if self.h is not None:
-            return self.h
+            return (self._nearest if self.adjust else None) or self.h
         if self.graded:
             return float(min(np.diff(e).min() for e in self.edges))
         return (self.upper[0] - self.lower[0]) / self.cells[0]

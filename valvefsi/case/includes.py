@@ -13,6 +13,32 @@ DEPTH = 8
 """Deepest chain of files that include one another."""
 
 
+LARGEST = 10_000_000
+"""Bytes above which a file is no case file."""
+
+
+def read_toml(path: Path) -> dict[str, object]:
+    """Read a TOML file.
+
+    Raises:
+        CaseError: It is missing, no plain file, too large, or not TOML.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise CaseError("this is not a file", file=path)
+        if path.stat().st_size > LARGEST:
+            raise CaseError(f"expected at most {LARGEST} bytes", file=path)
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CaseError(f"cannot read this file: {error.strerror}", file=path) from None
+    except UnicodeDecodeError:
+        raise CaseError("cannot read this file: it is not text in UTF-8", file=path) from None
+    except RecursionError:
+        raise CaseError("not TOML: nested too deeply", file=path) from None
+    except ValueError as error:  # a number with too many digits is none of TOML's own errors
+        raise CaseError(f"not TOML: {error}", file=path) from None
+
+
 def resolve_includes(raw: object, file: Path | None, key: str = "", depth: int = 0) -> object:
     """Put the contents of included files in their places, keys beside ``include`` over them.
 
@@ -42,13 +68,7 @@ def resolve_includes(raw: object, file: Path | None, key: str = "", depth: int =
     path = _path(raw["include"], file, f"{key}.include".lstrip("."))
     if depth == DEPTH:
         raise CaseError("files include one another in a circle", file=file, key=f"{key}.include".lstrip("."))
-    try:
-        included = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise CaseError(f"cannot read this file: {error}", file=path) from None
-    except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"not TOML: {error}", file=path) from None
-    found = resolve_includes(included, path, key, depth + 1)
+    found = resolve_includes(read_toml(path), path, key, depth + 1)
     return {**_placed(found, path.parent), **own}
 
 
@@ -61,6 +81,8 @@ def _placed(raw: object, folder: Path) -> object:
     inside = {key: _placed(value, folder) for key, value in raw.items()}
     if isinstance(raw.get("file"), str):
         inside["file"] = str(folder.resolve() / raw["file"])
+    if isinstance(raw.get("model"), str) and ".py:" in raw["model"]:
+        inside["model"] = str(folder.resolve() / raw["model"])
     return inside
 
 

@@ -17,7 +17,7 @@ class Material(Table):
 
     model_config = ConfigDict(extra="allow", frozen=True)
     model: str = Field(
-        description="Name of the material, or the import path of one of your own; its parameters follow"
+        description="Name of the material, or FILE.py:CLASS of one of your own (needs --trust); its parameters follow"
     )
     preset: str | None = Field(
         None,

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
-import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, fields
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic_core import PydanticCustomError
 
@@ -17,7 +14,12 @@ from valvefsi.case.overrides import nearest
 from valvefsi.case.quantities import Quantity
 from valvefsi.errors import CaseError
 
+if TYPE_CHECKING:
+    from valvefsi.solid.materials.parameters import Direction
+
 ANGLE = re.compile(r"\s*[+-]?[\d.]+([eE][+-]?\d+)?\s*(deg|degree|degrees|rad|radian|radians)\s*")
+RELATIVE = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?) deg from circumferential\s*")
+"""A direction relative to a leaflet's own, towards the radial one."""
 RESERVED = ("model", "preset")
 
 
@@ -25,28 +27,19 @@ def _problem(message: str, key: str, value: object = None) -> PydanticCustomErro
     return PydanticCustomError("case", "{message}", {"message": message, "key": key, "value": value})
 
 
-@contextlib.contextmanager
-def modules_beside(file: Path | None) -> Iterator[None]:
-    """Let import paths of materials lead to modules in the folder of the case and in the current one."""
-    folders = [str(Path.cwd()), *([str(file.resolve().parent)] if file else [])]
-    before = list(sys.path)
-    sys.path[:0] = folders[::-1]
-    try:
-        yield
-    finally:
-        sys.path[:] = before
-
-
 def material_kind(model: object) -> type:
-    """Return the class of a material: a name, or an import path.
+    """Return the class of a material: a name, or "FILE:CLASS" of one that was loaded.
 
     Raises:
         PydanticCustomError: There is no such material.
     """
     from valvefsi.solid.materials import MATERIALS, find_material
 
-    if not isinstance(model, str) or not (model in MATERIALS or "." in model or ":" in model):
-        raise _problem(f"unknown material{nearest(model, list(MATERIALS))}", "model", model)
+    if not isinstance(model, str) or not (model in MATERIALS or ":" in model):
+        hint = (
+            '; one of your own is "FILE.py:CLASS"' if "." in str(model) else nearest(model, list(MATERIALS))
+        )
+        raise _problem(f"unknown material{hint}", "model", model)
     try:
         return find_material(model)
     except CaseError as error:
@@ -186,16 +179,31 @@ def _read_direction(value: object, path: str) -> object:
 
     if isinstance(value, str) and ANGLE.fullmatch(value):
         return Quantity("deg").parse(value)
+    relative = RELATIVE.fullmatch(value) if isinstance(value, str) else None
+    if relative:
+        return f"{Quantity('deg').parse(relative[1] + ' deg')!r} deg from circumferential"
     if isinstance(value, str) and not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", value):
-        raise _problem('expected the name of a fibre field, an angle like "45 deg", or a vector', path, value)
+        message = 'expected the name of a fibre field, "45 deg", "45 deg from circumferential", or a vector'
+        raise _problem(message, path, value)
     try:
         return checked_direction(value, path)
     except CaseError as error:
         raise _problem(error.reason, path, value) from None
 
 
+def directions_of(kind: type, values: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Direction]]:
+    """Give place and value of every direction among the parameters of a material, those of its tables too."""
+    for field in fields(kind):
+        what, value = field.metadata.get("kind"), values.get(field.name)
+        if what == "direction" and value is not None:
+            yield f"{path}{field.name}", value
+        elif what == "table":
+            for number, entry in enumerate(value or ()):
+                yield from directions_of(field.metadata["item"], entry, f"{path}{field.name}.{number}.")
+
+
 def material_schemas() -> list[dict[str, object]]:
-    """Return the JSON schema of each material of `MATERIALS`; one of your own has an import path."""
+    """Return the JSON schema of each material of `MATERIALS`; one of your own has a file."""
     from valvefsi.solid.materials import MATERIALS
     from valvefsi.solid.materials.presets import PRESETS
 
@@ -211,7 +219,7 @@ def material_schemas() -> list[dict[str, object]]:
         }
         schema = {"type": "object", "properties": named, "additionalProperties": False}
         schemas.append({**schema, "anyOf": [{"required": ["model", *required]}, {"required": ["preset"]}]})
-    own = {"type": "string", "pattern": "[.:]", "description": "import path of a material of your own"}
+    own = {"type": "string", "pattern": ":", "description": "FILE.py:CLASS, a material of your own"}
     return [*schemas, {"type": "object", "properties": {"model": own}, "required": ["model"]}]
 
 

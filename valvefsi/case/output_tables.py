@@ -39,7 +39,7 @@ class Line(Table):
     name: Name = Field(description="Name of the table, profiles/NAME.csv")
     start: tuple[Length, ...] = Field(description="First point, one entry per dimension")
     end: tuple[Length, ...] = Field(description="Last point")
-    points: int = Field(101, ge=2, description="Number of points")
+    points: int = Field(101, ge=2, le=100_000, description="Number of points")
 
 
 class Force(Table):

@@ -33,7 +33,7 @@ def split_override(text: str) -> tuple[str, object]:
         )
     try:
         return key, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError, KeyError):
         return key, value
 
 

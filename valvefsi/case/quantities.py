@@ -36,6 +36,10 @@ COMMON_UNITS = (
     "P",
     "cP",
 )
+UNIT = re.compile(r"(?>[^\W\d]\w*+(?:\s*(?:\^|\*\*)\s*-?\d)?+|1(?=\s*/)|[\s()/%-]|\*(?!\*))++")
+"""Names with one exponent of one digit each, times, over and parentheses: what a library may evaluate."""
+LONGEST = 60
+FLOAT_MAX = 2**1023
 NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
@@ -70,7 +74,7 @@ class Quantity:
             if unit.replace(" ", "") != self.unit.replace(" ", ""):
                 number = self._convert(number, unit)
         elif isinstance(value, int | float) and not isinstance(value, bool):
-            number = float(value)
+            number = float(value) if abs(value) < FLOAT_MAX else math.inf
         else:
             raise self._expected()
         if not math.isfinite(number):
@@ -90,6 +94,8 @@ class Quantity:
     def _convert(self, number: float, unit: str) -> float:
         import pint
 
+        if len(unit) > LONGEST or not UNIT.fullmatch(unit):
+            raise self._expected()
         registry = unit_registry()
         try:
             return float(registry.Quantity(number, registry.parse_units(unit)).to(self.unit).magnitude)

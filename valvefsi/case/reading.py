@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import difflib
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 
 from pydantic import ValidationError
 
+from valvefsi.case.checks import check_case
 from valvefsi.case.circuit_tables import circuit_schemas
-from valvefsi.case.includes import resolve_includes
-from valvefsi.case.materials import material_schemas, modules_beside
+from valvefsi.case.includes import read_toml, resolve_includes
+from valvefsi.case.materials import material_schemas
 from valvefsi.case.models import Case
 from valvefsi.case.overrides import apply_overrides, nearest
+from valvefsi.case.trust import load_own_materials
 from valvefsi.errors import CaseError
 
 MESSAGES = {
@@ -38,12 +39,13 @@ MESSAGES = {
 }
 
 
-def load_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
+def load_case(path: str | Path, overrides: Sequence[str] = (), *, trust: bool = False) -> Case:
     """Read a case file.
 
     Args:
         path: The TOML file.
         overrides: Texts ``a.b=value`` that replace or add values.
+        trust: Whether Python files of materials may be run.
 
     Returns:
         The case, checked, in CGS.
@@ -52,15 +54,9 @@ def load_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
         CaseError: One line with file, key, value and the nearest valid choice.
     """
     path = Path(path)
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CaseError(f"no such case file{_nearest_file(path, '.toml', 0.5)}", file=path) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise CaseError(f"cannot read this file: {error}", file=path) from None
-    except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"not TOML: {error}", file=path) from None
-    return parse_case(raw, overrides, file=path)
+    if not path.exists():
+        raise CaseError(f"no such case file{_nearest_file(path, '.toml', 0.5)}", file=path)
+    return parse_case(read_toml(path), overrides, file=path, trust=trust)
 
 
 def parse_case(
@@ -69,6 +65,7 @@ def parse_case(
     *,
     aliases: Mapping[str, str] | None = None,
     file: Path | None = None,
+    trust: bool = False,
 ) -> Case:
     """Make a case of tables, see `load_case`.
 
@@ -77,19 +74,29 @@ def parse_case(
         overrides: Texts ``a.b=value``.
         aliases: Short names of keys that overrides may use.
         file: File for messages; mesh files are relative to its folder.
+        trust: Whether Python files of materials may be run.
 
     Raises:
         CaseError: Something is wrong with it.
     """
-    raw = resolve_includes(deepcopy(dict(raw)), file)
+    try:
+        raw = resolve_includes(deepcopy(dict(raw)), file)
+    except RecursionError:
+        raise CaseError("tables are nested too deeply", file=file) from None
     changed = apply_overrides(raw, overrides, aliases)
     _find_files(raw, file, changed)
+    load_own_materials(raw, file, trust)
     try:
-        with modules_beside(file):
-            case = Case.model_validate(raw)
+        case = Case.model_validate(raw)
     except ValidationError as error:
         raise _one_line(error, raw, file, changed) from None
     case._file = file
+    try:
+        check_case(case)
+    except CaseError as error:
+        loc = [int(part) if part.isdigit() else part for part in str(error.key).split(".")]
+        source = _source(str(error.key), file, changed)
+        raise CaseError(error.reason, file=source, key=_shown(loc, raw), value=error.value) from None
     return case
 
 

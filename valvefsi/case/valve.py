@@ -9,7 +9,7 @@ from mpi4py import MPI
 from valvefsi.bodies.patches import PatchedSurface
 from valvefsi.case.models import Case
 from valvefsi.case.valve_tables import ValveShape
-from valvefsi.coupling.kernels import largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.offsets import surface_offset
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError, raise_together
@@ -31,6 +31,8 @@ LINE = 720
 
 def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
     """Mesh the leaflets of a valve for a grid of spacing h, with fibre fields fibre_1, ... and fibre, the first.
+
+    The leaflets' own directions are the fields circumferential and radial.
 
     Note:
         Collective.

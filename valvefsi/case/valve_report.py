@@ -87,7 +87,7 @@ def _numbers(
 ) -> dict[str, object]:
     """The numbers of each cycle, and how they compare with what is sane."""
     if not cycles:
-        reason = f"the record ends before the first cycle starts, at {record.start:.6g} s"
+        reason = f"the record ends before the first cycle starts, at {record.first:.6g} s"
         return {"cycles": [], "reasons": [reason]}
     change, why = cycle_change(record)
     return {
@@ -135,7 +135,7 @@ def _record(case: Case, history: History) -> ValveRecord:
         period=pump.period or case.time.t_end,
     )
     start = first_closed(record) if pump.cycles_from is None else pump.cycles_from
-    return record if start is None else replace(record, start=max(start, record.start))
+    return record if start is None else replace(record, start=max(start, record.first))
 
 
 def _test(case: Case) -> ValveTest:

@@ -30,7 +30,7 @@ class ValveShape(Table):
     diameter: Length = Field(2.5, gt=0, description="Diameter of the stent")
     base: Length = Field(0.0, description="z of the lowest point of the leaflets' attachment")
     ratio: float = Field(0.75, ge=0.05, le=4, description="Element size over the grid's spacing h")
-    layers: int = Field(1, ge=1, description="Elements through the thickness")
+    layers: int = Field(1, ge=1, le=100, description="Elements through the thickness")
     height: Length | None = _own(
         "Height of the commissures above the lowest point of the attachment", "1.75 cm"
     )

@@ -14,14 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import expm, get_lapack_funcs
 
-SAME_STEP = 1e-12
-"""Steps that differ by less, relative to the median step, share one matrix exponential."""
+from valvefsi.circulation.sampling import Sampling, Steps
+from valvefsi.types import Array
+
 STEP = 1e-30
 """Complex step of derivatives; small enough that nothing of second order is left."""
 SINGULAR = 1e-10
@@ -39,40 +40,8 @@ class CircuitState:
     """
 
     t: float
-    x: NDArray
-    u: NDArray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Sampling:
-    """The times of a record, its intervals sorted by size: intervals alike share a matrix exponential.
-
-    Attributes:
-        t: Increasing times, ``(n,)`` [s].
-        sizes: Sizes of the intervals, each once [s].
-        which: Number of the size of each interval, ``(n - 1,)``.
-    """
-
-    t: NDArray
-    sizes: NDArray
-    which: NDArray
-
-    @classmethod
-    def of(cls, t: NDArray | Sampling) -> Sampling:
-        """Sort the intervals of times; a sampling is returned as it is.
-
-        Raises:
-            ValueError: The times do not increase, or there is only one.
-        """
-        if isinstance(t, Sampling):
-            return t
-        t = np.asarray(t, dtype=float)
-        step = np.diff(t)
-        if len(step) == 0 or not step.min() > 0:
-            raise ValueError("expected two increasing times or more")
-        unit = SAME_STEP * np.median(step)
-        _, first, which = np.unique(np.round(step / unit), return_index=True, return_inverse=True)
-        return cls(t=t, sizes=step[first], which=which)
+    x: Array
+    u: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,16 +58,16 @@ class LinearSystem:
         output: Name of the output.
     """
 
-    A: NDArray
-    B: NDArray
-    C: NDArray
-    D: NDArray
+    A: Array
+    B: Array
+    C: Array
+    D: Array
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     output: str
-    _last: dict = field(default_factory=dict, repr=False)
+    _last: dict[str, Any] = field(default_factory=dict, repr=False)
 
-    def propagators(self, dt: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
+    def propagators(self, dt: ArrayLike) -> tuple[Array, Array, Array]:
         """Return E, G0, G1 of the exact update x_new = E x + G0 u + G1 u_new, for each step size.
 
             exp(dt [A B 0; 0 0 1/dt; 0 0 0]) = [E, Gamma_1, Gamma_2; ...],   G0 = Gamma_1 - Gamma_2,  G1 = Gamma_2
@@ -156,7 +125,7 @@ class LinearSystem:
         """Return the output y = C x + D u at a state."""
         return float(self.C @ s.x + self.D @ s.u)
 
-    def simulate(self, t: NDArray | Sampling, u: NDArray, x: ArrayLike) -> NDArray:
+    def simulate(self, t: Array | Sampling, u: Array, x: ArrayLike) -> Array:
         """Return the states at all samples.
 
         Args:
@@ -167,14 +136,13 @@ class LinearSystem:
         Returns:
             ``(n, num_states)``.
         """
-        E, forcing = self._steps(t, u)
-        return _recur(E, forcing, np.asarray(x))
+        return _recur(*self._driven(Sampling.of(t), u), np.asarray(x))
 
-    def outputs(self, x: NDArray, u: NDArray) -> NDArray:
+    def outputs(self, x: Array, u: Array) -> Array:
         """Return y = C x + D u at all samples, ``(n,)``."""
         return x @ self.C + u @ self.D
 
-    def periodic_state(self, t: NDArray | Sampling, u: NDArray) -> NDArray:
+    def periodic_state(self, t: Array | Sampling, u: Array) -> Array:
         """Solve for the states at ``t[0]`` to which the record ``t``, ``u`` returns them: the periodic steady state.
 
             x(T) = exp(A T) x(0) + forced(T) = x(0)
@@ -193,8 +161,7 @@ class LinearSystem:
         if m == 0:
             return np.zeros(0)
         sampling = Sampling.of(t)
-        E, forcing = self._steps(sampling, u)
-        forced = _recur(E, forcing, np.zeros(m))[-1]
+        forced = _recur(*self._driven(sampling, u), np.zeros(m))[-1]
         gap = np.eye(m) - expm(self.A * (sampling.t[-1] - sampling.t[0]))
         if np.linalg.svd(gap.real, compute_uv=False)[-1] < SINGULAR:
             raise ValueError("the circuit has no periodic steady state: a compliance cannot empty")
@@ -202,12 +169,12 @@ class LinearSystem:
 
     def sensitivities(
         self,
-        t: NDArray | Sampling,
-        u: NDArray,
-        x: NDArray,
+        t: Array | Sampling,
+        u: Array,
+        x: Array,
         moved: Sequence[LinearSystem],
-        start: NDArray | None,
-    ) -> NDArray:
+        start: Array | None,
+    ) -> Array:
         """Return the derivative of the output by parameters and initial states.
 
             s_{n+1} = E s_n + E' x_n + G0' u_n + G1' u_{n+1},   y' = C' x + C s + D' u
@@ -225,32 +192,38 @@ class LinearSystem:
         """
         sampling, m = Sampling.of(t), len(self.states)
         columns = len(moved) if start is None else start.shape[1]
-        E = self.propagators(sampling.sizes)[0]
+        steps = self._steps(sampling)
+        E = steps.spread(self.propagators(steps.dt)[0])
         forcing = np.zeros((len(sampling.t) - 1, m, columns))
         slope = np.zeros((len(sampling.t), columns))
+        if moved and m:
+            slopes = [np.concatenate(other.propagators(steps.dt), axis=2).imag / STEP for other in moved]
+            along = np.concatenate([x[:-1], u[:-1], u[1:]], axis=1)
+            pushed = steps.apply(np.concatenate(slopes, axis=1), along)
+            forcing[:, :, : len(moved)] = pushed.reshape(len(pushed), len(moved), m).transpose(0, 2, 1)
         for i, other in enumerate(moved):
-            dE, dG0, dG1 = (part.imag / STEP for part in other.propagators(sampling.sizes))
-            for part, along in ((dE, x[:-1]), (dG0, u[:-1]), (dG1, u[1:])):
-                forcing[:, :, i] += _apply(part, sampling.which, along)
             slope[:, i] = x @ (other.C.imag / STEP) + u @ (other.D.imag / STEP)
         if m == 0:
             return slope
-        E = E if len(E) == 1 else E[sampling.which]
         if start is None:
             forced = _recur(E, forcing, np.zeros((m, columns)))[-1]
             start = np.linalg.solve(np.eye(m) - expm(self.A * (sampling.t[-1] - sampling.t[0])), forced)
         return slope + np.einsum("nmk,m->nk", _recur(E, forcing, start), self.C)
 
-    def steady_state(self, u: ArrayLike) -> NDArray:
+    def steady_state(self, u: ArrayLike) -> Array:
         """Return the states that constant inputs lead to, -A^-1 B u."""
         return np.linalg.solve(self.A, -self.B @ np.asarray(u)) if self.states else np.zeros(0)
 
-    def _steps(self, t: NDArray | Sampling, u: NDArray) -> tuple[NDArray, NDArray]:
-        """Return E of each interval (one, where all are alike), and what its inputs add."""
-        sampling = Sampling.of(t)
-        E, G0, G1 = self.propagators(sampling.sizes)
-        u, which = np.asarray(u), sampling.which
-        return E if len(E) == 1 else E[which], _apply(G0, which, u[:-1]) + _apply(G1, which, u[1:])
+    def _steps(self, sampling: Sampling) -> Steps:
+        """Return the sizes at which the matrices of a record's intervals are computed."""
+        return sampling.steps(float(np.abs(self.A.real).sum(axis=1).max(initial=0.0)))
+
+    def _driven(self, sampling: Sampling, u: Array) -> tuple[Array, Array]:
+        """Return E of each interval (one, where all are alike), and what its inputs ``(n, num_inputs)`` add."""
+        steps, u = self._steps(sampling), np.asarray(u)
+        E, G0, G1 = self.propagators(steps.dt)
+        inputs = np.concatenate([u[:-1], u[1:]], axis=1)
+        return steps.spread(E), steps.apply(np.concatenate([G0, G1], axis=2), inputs)
 
 
 class Circuit(Protocol):
@@ -284,21 +257,21 @@ def reduce(
     Returns:
         The system of the unknowns that have storage.
     """
-    storage, A, B, C, D = (np.asarray(part) for part in (storage, A, B, C, D))
-    keep, drop = np.flatnonzero(storage != 0), np.flatnonzero(storage == 0)
+    M, A_, B_, C_, D_ = (np.asarray(part) for part in (storage, A, B, C, D))
+    keep, drop = np.flatnonzero(M != 0), np.flatnonzero(M == 0)
     unknowns, inputs, (output,) = names
     if len(drop):
         weights = -np.linalg.solve(
-            A[np.ix_(drop, drop)], np.concatenate([A[np.ix_(drop, keep)], B[drop]], axis=1)
+            A_[np.ix_(drop, drop)], np.concatenate([A_[np.ix_(drop, keep)], B_[drop]], axis=1)
         )
         by_x, by_u = weights[:, : len(keep)], weights[:, len(keep) :]
-        through = A[np.ix_(keep, drop)]
-        B = B[keep] + through @ by_u
-        A = A[np.ix_(keep, keep)] + through @ by_x
-        C, D = C[keep] + C[drop] @ by_x, D + C[drop] @ by_u
-    rate = 1.0 / storage[keep][:, None]
+        through = A_[np.ix_(keep, drop)]
+        B_ = B_[keep] + through @ by_u
+        A_ = A_[np.ix_(keep, keep)] + through @ by_x
+        C_, D_ = C_[keep] + C_[drop] @ by_x, D_ + C_[drop] @ by_u
+    rate = 1.0 / M[keep][:, None]
     states = tuple(unknowns[i] for i in keep)
-    return LinearSystem(A=rate * A, B=rate * B, C=C, D=D, states=states, inputs=inputs, output=output)
+    return LinearSystem(A=rate * A_, B=rate * B_, C=C_, D=D_, states=states, inputs=inputs, output=output)
 
 
 def check_values(owner: object, positive: tuple[str, ...], not_negative: tuple[str, ...] = ()) -> None:
@@ -314,14 +287,7 @@ def check_values(owner: object, positive: tuple[str, ...], not_negative: tuple[s
             raise ValueError(f"{name} = {value!r}: expected a finite number {least}")
 
 
-def _apply(matrices: NDArray, which: NDArray, vectors: NDArray) -> NDArray:
-    """Return the product of each interval's matrix and vector, ``(n - 1, num_states)``."""
-    if len(matrices) == 1:
-        return vectors @ matrices[0].T
-    return np.einsum("nij,nj->ni", matrices[which], vectors)
-
-
-def _recur(E: NDArray, forcing: NDArray, x: NDArray) -> NDArray:
+def _recur(E: Array, forcing: Array, x: Array) -> Array:
     """Return all x_n of x_{n+1} = E_n x_n + forcing_n (or E_0 x_n): one triangular banded solve.
 
     Args:

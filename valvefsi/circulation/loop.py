@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from valvefsi.circulation.linear import CircuitState, LinearSystem
-
-Array = np.ndarray
+from valvefsi.types import Array
 
 FLOWS = {"q_ao": 1.0, "q_lv": -1.0}
 """Inputs that are the flow through a side, with their sign for a flow out of the box: downstream leaves the test
@@ -105,7 +105,7 @@ class FlowLoop:
             t: Time [s].
             dt: Length of the step [s].
         """
-        new = []
+        new: list[ArrayLike] = []
         for c, (x, _) in zip(self.connections, self.parts(y), strict=True):
             flow = outflow[c.side]
             state = CircuitState(t=t, x=x, u=c.inputs(t, flow))

@@ -11,10 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_banded
 
 from valvefsi.circulation.linear import LinearSystem, check_values, reduce
+from valvefsi.types import Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,9 +89,9 @@ class PumpPressure:
         p_via: Pressure in the VIA, ``(n,)`` [dyn/cm^2].
     """
 
-    t: NDArray
-    p_pump: NDArray
-    p_via: NDArray
+    t: Array
+    p_pump: Array
+    p_via: Array
 
 
 def pump_pressure(circuit: UpstreamPorcine, t: ArrayLike, q_lv: ArrayLike, p_lv: ArrayLike) -> PumpPressure:

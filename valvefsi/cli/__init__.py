@@ -1,8 +1,9 @@
 """The commands: run a case, print the keys of case files, run benchmarks.
 
-Exit codes: 0 done, 2 a case or an option cannot be used, 3 the run failed (ConvergenceError, StabilityError),
-130 interrupted, 143 terminated, 1 anything else. In a parallel run rank 0 speaks for all. What computes is
-imported by the command that needs it, so that ``--help`` is quick.
+Exit codes: 0 done, 2 a case or an option cannot be used, 3 the run failed (ConvergenceError, StabilityError), 4 the
+surroundings failed (disk, folder, memory), 130 interrupted, 143 terminated, 1 a fault of the program itself.
+In a parallel run rank 0 speaks for all. What computes is imported by the command that needs it, so that ``--help``
+is quick.
 """
 
 from __future__ import annotations
@@ -20,20 +21,13 @@ import typer
 
 from valvefsi import __version__
 from valvefsi.cli.bench import bench
-from valvefsi.cli.bench_table import bench_table
 from valvefsi.cli.fit import fit
-from valvefsi.cli.immersed import immersed
-from valvefsi.cli.kernel_study import kernel_study
 from valvefsi.cli.mesh import mesh
 from valvefsi.cli.movie import movie
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
-from valvefsi.cli.statics import statics
-from valvefsi.cli.streams import streams
-from valvefsi.cli.turek import turek
-from valvefsi.cli.valve_2d import valve_2d
-from valvefsi.errors import CaseError, Stopped, ValvefsiError
+from valvefsi.errors import CaseError, Stopped, SurroundingsError, ValvefsiError, reason_of
 
 PATIENCE, GRACE = 5.0, 0.5
 INTERRUPTED = 130
@@ -53,13 +47,6 @@ app.command()(run)
 app.command()(case)
 app.command()(plot)
 app.command()(movie)
-bench.add_typer(statics)
-bench.add_typer(immersed)
-bench.add_typer(kernel_study)
-bench.add_typer(streams)
-bench.add_typer(valve_2d)
-bench.add_typer(turek)
-bench.add_typer(bench_table)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 app.add_typer(mesh, name="mesh")
@@ -95,6 +82,10 @@ def main() -> NoReturn:
     except CaseError as error:
         code = 2
         _leave_together(f"error: {error}", code)
+    except (SurroundingsError, OSError, MemoryError) as error:
+        code = 4
+        said = str(error) if isinstance(error, SurroundingsError) else reason_of(error)
+        _leave_together(f"error: {said}", code)
     except ValvefsiError as error:
         code = 3
         _leave_together(f"{type(error).__name__}: {error}", code)

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from valvefsi.cli.fit_output import Texts, names, numbers, progress, ranges, show, writing
 from valvefsi.cli.fit_windkessel import windkessel
 from valvefsi.cli.option_groups import as_number, options_of, pairs
-from valvefsi.cli.options import HELP
-from valvefsi.cli.tables import WIDE, print_fit
 from valvefsi.errors import CaseError
 
-if TYPE_CHECKING:
-    from valvefsi.fitting.biaxial_results import BiaxialFit
-
-fit = typer.Typer(help="Fit a leaflet's material or a flow loop's circuit to measurements.", **HELP)
+fit = typer.Typer(
+    help="Fit a leaflet's material or a flow loop's circuit to measurements.",
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 fit.command("windkessel")(windkessel)
 
 
@@ -36,17 +35,22 @@ class BiaxialCommand:
     fibre_angle: Annotated[
         str, typer.Option(metavar="DEG|free", help="Angle of the fibres to axis 1 of the test.")
     ] = "free"
+    axis1: Annotated[
+        str,
+        typer.Option(
+            metavar="circumferential|radial|x",
+            help="Direction of the leaflet along axis 1; x for a flat sheet. material.toml refers to it.",
+        ),
+    ] = "circumferential"
     fix: Annotated[
-        list[str] | None, typer.Option(metavar="K=V", help="Hold a parameter (kPa, degrees). Repeatable.")
+        Texts, typer.Option(metavar="K=V", help="Hold a parameter (kPa, degrees). Repeatable.")
     ] = None
-    bounds: Annotated[
-        list[str] | None, typer.Option(metavar="K=A:B", help="Bounds of a parameter. Repeatable.")
-    ] = None
+    bounds: Annotated[Texts, typer.Option(metavar="K=A:B", help="Bounds of a parameter. Repeatable.")] = None
     protocols: Annotated[
         str | None, typer.Option(metavar="1,2,5", help="Protocols to fit; the others are predicted.")
     ] = None
     column: Annotated[
-        list[str] | None,
+        Texts,
         typer.Option(metavar="NAME=HEADER", help="Column of the file, such as stretch1=lx. Repeatable."),
     ] = None
     unit: Annotated[str | None, typer.Option(help="Unit of the stresses or tensions.")] = None
@@ -56,7 +60,9 @@ class BiaxialCommand:
     ] = False
     weights: Annotated[str, typer.Option(metavar="unit|balanced", help="Weights of the protocols.")] = "unit"
     loss: Annotated[str, typer.Option(help="linear, soft_l1, huber, cauchy or arctan.")] = "linear"
-    loss_scale: Annotated[float, typer.Option(help="Residual where the loss turns from squares [kPa].")] = 1.0
+    loss_scale: Annotated[float, typer.Option(help="Residual in kPa where the loss turns from squares.")] = (
+        1.0
+    )
     offsets: Annotated[
         bool, typer.Option("--offsets", help="Fit an offset of the stretch for each protocol and axis.")
     ] = False
@@ -70,49 +76,58 @@ class BiaxialCommand:
 
 @fit.command("biaxial")
 @options_of(BiaxialCommand)
-def biaxial(given: BiaxialCommand) -> None:
-    """Fit a leaflet's material to planar biaxial tests: table, fit.json, material.toml and pictures."""
-    from valvefsi.fitting.biaxial import fit_biaxial
-    from valvefsi.fitting.biaxial_records import Reading
+def biaxial(options: BiaxialCommand) -> None:
+    """Fit a leaflet's material to planar biaxial tests: table, fit.json, material.toml and pictures.
 
-    reading = Reading(
-        columns=pairs(given.column, "column"),
-        unit=given.unit,
-        thickness=_length(given.thickness),
-        accept_suspect=given.accept_suspect,
-    )
-    found = fit_biaxial(
-        given.data,
-        given.model,
-        reading=reading,
-        families=given.families,
-        fibre_angle=None if given.fibre_angle == "free" else as_number(given.fibre_angle, "fibre-angle"),
-        fix={key: as_number(value, "fix") for key, value in pairs(given.fix, "fix").items()},
-        bounds={key: _ends(value) for key, value in pairs(given.bounds, "bounds").items()},
-        protocols=_names(given.protocols),
-        weights=given.weights,
-        loss=given.loss,
-        loss_scale=given.loss_scale,
-        offsets=given.offsets,
-        compare=_names(given.compare) or (),
-        starts=given.starts,
-        seed=given.seed,
-    )
-    folder = given.out or Path("results") / f"fit-{given.data[0].stem}"
-    try:
-        found.write(folder)
-    except OSError as error:
-        raise CaseError(f"cannot write here: {error.strerror}", key="out", value=str(folder)) from None
-    show_fit(found, folder)
+    A record is a CSV file with a header line, # begins a remark.
+    Columns for axes 1 and 2; other columns are passed over:
 
+    deformation: stretch1 stretch2, or E11 E22 (E12), or F11 F12 F21 F22
+    stress: P11 P22 (first Piola-Kirchhoff), S11 S22 (second),
+    cauchy1 cauchy2, or tension1 tension2 with --thickness
+    protocol: a name for each row; without it a file is one protocol
 
-def show_fit(found: BiaxialFit, folder: Path | None = None) -> None:
-    """Print the table of a fit and what belongs to it."""
-    from rich.console import Console
+    A unit ends the name (P11_kPa, S22_MPa, E11_percent).
+    Stress is positive in tension, stretch is 1 at rest:
 
-    console = Console(width=None if sys.stdout.isatty() else WIDE)
-    place = () if folder is None else (f"results in {folder}",)
-    print_fit(console, found.report, (*found.lines(), *place))
+    protocol,stretch1,stretch2,P11_kPa,P22_kPa
+    1,1.00,1.00,0.0,0.0
+    1,1.05,1.08,12.1,10.4
+    """
+    with progress(f"biaxial fit, {options.model}: {', '.join(path.name for path in options.data)}") as notify:
+        from valvefsi.fitting.biaxial import fit_biaxial
+        from valvefsi.fitting.biaxial_records import Reading
+
+        reading = Reading(
+            columns=pairs(options.column, "column"),
+            unit=options.unit,
+            thickness=_length(options.thickness),
+            accept_suspect=options.accept_suspect,
+        )
+        angle = options.fibre_angle
+        result = fit_biaxial(
+            options.data,
+            options.model,
+            reading=reading,
+            notify=notify,
+            families=options.families,
+            fibre_angle=None if angle == "free" else as_number(angle, "fibre-angle"),
+            axis1=options.axis1,
+            fix=numbers(options.fix, "fix"),
+            bounds=ranges(options.bounds, "bounds"),
+            protocols=names(options.protocols),
+            weights=options.weights,
+            loss=options.loss,
+            loss_scale=options.loss_scale,
+            offsets=options.offsets,
+            compare=names(options.compare) or (),
+            starts=options.starts,
+            seed=options.seed,
+        )
+    folder = options.out or Path("results") / f"fit-{options.data[0].stem}"
+    with writing(folder):
+        result.write(folder)
+    show(result.report, folder)
 
 
 def _length(text: str | None) -> float | None:
@@ -130,14 +145,3 @@ def _length(text: str | None) -> float | None:
     if value <= 0:
         raise CaseError("expected a positive length", key="thickness", value=text)
     return value
-
-
-def _ends(text: str) -> tuple[float, float]:
-    low, mark, high = text.partition(":")
-    if not mark:
-        raise typer.BadParameter(f"expected K=A:B, found {text!r}", param_hint="--bounds")
-    return as_number(low, "bounds"), as_number(high, "bounds")
-
-
-def _names(text: str | None) -> list[str] | None:
-    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,16 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valvefsi.cli.option_groups import as_number, options_of, pairs
-from valvefsi.cli.tables import WIDE, print_fit, print_table
+from valvefsi.cli.fit_output import Texts, console, names, numbers, progress, ranges, show, writing
+from valvefsi.cli.option_groups import options_of, pairs
+from valvefsi.cli.tables import print_table
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
     from valvefsi.fitting.waveforms import Waveforms
     from valvefsi.fitting.windkessel import CircuitReport, Settings
-    from valvefsi.fitting.windkessel_pump import PumpReport
-
-Texts = list[str] | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +57,13 @@ class WindkesselCommand:
         float | None,
         typer.Option(metavar="SECONDS", help="Length of a cycle; found in the record if not given."),
     ] = None
+    lag: Annotated[
+        str,
+        typer.Option(
+            metavar="check|fit|off",
+            help="Time by which the pressure follows: look for one, fit it, or neither.",
+        ),
+    ] = "check"
     compare: Annotated[str | None, typer.Option(metavar="A,B", help="Circuits to compare with.")] = None
     starts: Annotated[int, typer.Option(min=1, max=4096, help="Number of starts.")] = 8
     seed: Annotated[int, typer.Option(min=0, help="Seed of starts and bootstrap.")] = 0
@@ -68,77 +71,89 @@ class WindkesselCommand:
 
 
 @options_of(WindkesselCommand)
-def windkessel(given: WindkesselCommand) -> None:
-    """Fit a circuit of the flow loop (S4-S10): table, fit.json, circuit.toml and pictures."""
-    from valvefsi.fitting.windkessel import fit_windkessel
+def windkessel(options: WindkesselCommand) -> None:
+    """Fit a circuit of the flow loop (S4-S10): table, fit.json, circuit.toml and pictures.
+
+    A record is a CSV file with a header line, # begins a remark.
+    A heading is a quantity with its unit: time t, pressure p, flow q.
+    All flows are positive downstream; other columns are passed over:
+
+    t_s,p_ao_mmHg,q_ao_ml_s
+    0.000,81.2,0.0
+    0.005,81.0,3.1
+
+    downstream, two-element, four-element: p_ao from q_ao
+    upstream-porcine: p_lv from p_pump and q_lv (p_pump itself if missing)
+    upstream-bovine: p_lv from q_pump, q_lv and p_la
+
+    Units: s, ms; mmHg, kPa, Pa, bar, cmH2O; ml_s, ml_min, L_min.
+    """
+    if options.repair not in (None, "outliers"):
+        raise CaseError("expected outliers", key="repair", value=options.repair)
+    folder = options.out or Path("results") / f"fit-{options.data.stem}"
+    circuits = [options.circuit, *(names(options.compare) or ())]
+    reports: list[CircuitReport] = []
+    with writing(folder):
+        with progress(f"windkessel fit, {', '.join(circuits)}: {options.data.name}") as notify:
+            from valvefsi.fitting.windkessel import fit_windkessel
+
+            settings, waves = _prepared(options, circuits, folder)
+            if waves is not None:
+                reports += [fit_windkessel(waves, name, _of(settings, name), notify) for name in circuits]
+        _show(reports, folder)
+
+
+def _prepared(
+    options: WindkesselCommand, circuits: Sequence[str], folder: Path
+) -> tuple[Settings, Waveforms | None]:
+    """Return how circuits are fitted and the record; None where the pump's pressure was derived instead."""
+    from valvefsi.fitting.windkessel import Settings
     from valvefsi.fitting.windkessel_models import find_circuit
     from valvefsi.fitting.windkessel_pump import CIRCUIT, derive_pump
 
-    if given.repair not in (None, "outliers"):
-        raise CaseError("expected outliers", key="repair", value=given.repair)
-    others = [name.strip() for name in (given.compare or "").split(",") if name.strip()]
-    models = [find_circuit(name) for name in (given.circuit, *others)]
+    models = [find_circuit(name) for name in circuits]
     if any(model.output != models[0].output for model in models):
         message = "circuits can be compared only where they give the same pressure"
-        raise CaseError(message, key="compare", value=given.compare)
-    settings = _settings(given)
-    folder = given.out or Path("results") / f"fit-{given.data.stem}"
-    try:
-        waves = _read(given, folder).flipped(given.flip or [])
-        if given.circuit == CIRCUIT and "p_pump" not in waves.values:
-            derived = derive_pump(waves, settings.fixed, cutoff=given.smooth)
-            _write_pump(derived, folder)
-            return
-        if given.smooth:
-            raise CaseError(
-                "only the derivation of P_pump smooths; a fit takes the record as it is", key="smooth"
-            )
-        reports = [fit_windkessel(waves, name, _of(settings, name)) for name in (given.circuit, *others)]
-        _show(reports, folder)
-    except OSError as error:
-        raise CaseError(f"cannot write here: {error.strerror}", key="out", value=str(folder)) from None
-
-
-def _settings(given: WindkesselCommand) -> Settings:
-    """Return how the circuit is fitted."""
-    from valvefsi.fitting.windkessel import Settings
-
-    bounds = {}
-    for name, text in pairs(given.bounds, "bounds").items():
-        low, colon, high = text.partition(":")
-        if not colon:
-            raise typer.BadParameter(f"expected K=A:B, found {text!r}", param_hint="--bounds")
-        bounds[name] = (as_number(low, "bounds"), as_number(high, "bounds"))
-    return Settings(
-        fixed={name: as_number(text, "fix") for name, text in pairs(given.fix, "fix").items()},
-        bounds=bounds,
-        periodic=given.periodic,
-        period=given.period,
-        starts=given.starts,
-        seed=given.seed,
+        raise CaseError(message, key="compare", value=options.compare)
+    settings = Settings(
+        fixed=numbers(options.fix, "fix"),
+        bounds=ranges(options.bounds, "bounds"),
+        periodic=options.periodic,
+        period=options.period,
+        lag=options.lag,
+        starts=options.starts,
+        seed=options.seed,
     )
+    waves = _read(options, folder).flipped(options.flip or [])
+    if options.circuit == CIRCUIT and "p_pump" not in waves.values:
+        derived = derive_pump(waves, settings.fixed, cutoff=options.smooth)
+        derived.write(folder)
+        typer.echo(f"{derived.summary()}\nresults in {folder}")
+        return settings, None
+    if options.smooth:
+        raise CaseError(
+            "only the derivation of P_pump smooths; a fit takes the record as it is", key="smooth"
+        )
+    return settings, waves
 
 
-def _read(given: WindkesselCommand, folder: Path) -> Waveforms:
+def _read(options: WindkesselCommand, folder: Path) -> Waveforms:
     """Read the record; list outliers, and replace them where that is asked for."""
     from valvefsi.fitting.waveform_repair import find_outliers, repair
     from valvefsi.fitting.waveforms import read_waveforms, write_waveforms
 
-    waves = read_waveforms(given.data, columns=pairs(given.column, "column"), gaps=given.gaps)
+    waves = read_waveforms(options.data, columns=pairs(options.column, "column"), gaps=options.gaps)
     outliers = find_outliers(waves)
-    for outlier in outliers:
-        typer.echo(outlier.line())
-    if given.repair is None:
+    lines = [outlier.line() for outlier in outliers]
+    if options.repair is None:
         if outliers:
-            typer.echo(f"{len(outliers)} outliers, left as they are; --repair outliers replaces them")
+            lines.append(f"{len(outliers)} outliers, left as they are; --repair outliers replaces them")
+            typer.echo("\n".join(lines))
         return waves
     waves = repair(waves, outliers)
-    typer.echo(f"{len(outliers)} outliers replaced")
+    typer.echo("\n".join([*lines, f"{len(outliers)} outliers replaced"]))
     if outliers:
-        header = [
-            f"{given.data.name} with {len(outliers)} outliers replaced",
-            *(each.line() for each in outliers),
-        ]
+        header = [f"{options.data.name} with {len(outliers)} outliers replaced", *lines]
         typer.echo(f"repaired record in {write_waveforms(waves, folder / 'repaired.csv', header)}")
     return waves
 
@@ -158,18 +173,16 @@ def _of(settings: Settings, name: str) -> Settings:
 
 def _show(reports: Sequence[CircuitReport], folder: Path) -> None:
     """Print and write every report, and the comparison where there are several."""
-    from rich.console import Console
-
+    from valvefsi.fitting.report import write_json
     from valvefsi.fitting.windkessel import compare
 
-    console = Console(width=None if sys.stdout.isatty() else WIDE)
     for report in reports:
         place = folder if report is reports[0] else folder / report.model
         report.write(place)
-        print_fit(console, report, (*report.lines(), f"results in {place}"))
+        show(report, place)
     if len(reports) > 1:
         rows = compare(reports)
-        shown = [
+        cells: list[tuple[str, ...]] = [
             (
                 str(row["circuit"]),
                 str(row["n_free"]),
@@ -183,11 +196,5 @@ def _show(reports: Sequence[CircuitReport], folder: Path) -> None:
         ]
         headings = ("circuit", "free", "relative L2", "Linf", "held-out error", "dAICc", "dBIC")
         sides = dict.fromkeys(headings, "right") | {"circuit": "left"}
-        print_table(console, "comparison", sides, shown)
-        (folder / "comparison.json").write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
-
-
-def _write_pump(report: PumpReport, folder: Path) -> None:
-    report.write(folder)
-    typer.echo(report.summary())
-    typer.echo(f"results in {folder}")
+        print_table(console(), "comparison", sides, cells)
+        write_json(folder / "comparison.json", rows)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from valvefsi.cli.movie import Cut, read_plane
-from valvefsi.cli.options import Out
+from valvefsi.cli.options import Out, Trust
 
 
 def plot(
@@ -29,12 +29,13 @@ def plot(
     ] = False,
     cut: Cut = None,
     out: Out = None,
+    trust: Trust = False,
 ) -> None:
     """Draw every deformed solid in a folder of results, a plane of its fluid, or the fibres of a case."""
     from mpi4py import MPI
 
     if fibres:
-        _draw_fibres(folder, out if out is not None else Path())
+        _draw_fibres(folder, out if out is not None else Path(), trust)
         return
     if MPI.COMM_WORLD.rank == 0 and (cut is not None or _is_of_fluid(folder, field)):
         from valvefsi.post.movies import draw_plane
@@ -48,7 +49,7 @@ def plot(
         return
     made = draw_folder(folder, out if out is not None else folder, field=field, t=t)
     if field is None and t is None:
-        made = [*made, *_draw_valve(folder, out if out is not None else folder)]
+        made = [*made, *_draw_valve(folder, out if out is not None else folder, trust)]
     if not can_render() and made:
         typer.echo("pyvista or EGL is missing: bodies in space are drawn by matplotlib")
     for path in made:
@@ -63,7 +64,7 @@ def _is_of_fluid(folder: Path, field: str | None) -> bool:
     return field in known and (folder / "paraview" / "fluid.pvd").is_file()
 
 
-def _draw_valve(folder: Path, out: Path) -> list[Path]:
+def _draw_valve(folder: Path, out: Path, trust: bool) -> list[Path]:
     """Draw the pictures of a run's valve, if it has one; a folder without a case has none."""
     if not (folder / "case.toml").is_file():
         return []
@@ -72,17 +73,17 @@ def _draw_valve(folder: Path, out: Path) -> list[Path]:
     from valvefsi.errors import CaseError
 
     try:
-        case = load_case(folder / "case.toml")
+        case = load_case(folder / "case.toml", trust=trust)
         return draw_valve(case, folder, out) if has_valve(case) else []
     except CaseError as error:
         typer.echo(f"no pictures of a valve: {error}", err=True)
         return []
 
 
-def _draw_fibres(case_file: Path, out: Path) -> None:
+def _draw_fibres(case_file: Path, out: Path, trust: bool) -> None:
     """Draw the fibre fields of a case file."""
     from valvefsi.case import load_case
     from valvefsi.case.fibre_pictures import draw_fibres
 
-    for path in draw_fibres(load_case(case_file), out):
+    for path in draw_fibres(load_case(case_file, trust=trust), out):
         typer.echo(str(path))

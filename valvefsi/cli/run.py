@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from valvefsi.cli.options import Out, Plan, Resume, Set
+from valvefsi.cli.options import AllowChange, Out, Overwrite, Plan, Resume, Set, Trust
 from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
 from valvefsi.errors import CaseError
@@ -17,32 +17,36 @@ def run(
     case: Annotated[Path, typer.Argument(metavar="CASE.toml", help="The case file.")],
     out: Out = None,
     resume: Resume = False,
+    overwrite: Overwrite = False,
+    allow_change: AllowChange = False,
     overrides: Set = None,
     plan: Plan = False,
+    trust: Trust = False,
 ) -> None:
     """Run a case; the results go to results/NAME of the case file unless --out says otherwise."""
     from mpi4py import MPI
 
     from valvefsi.case import load_case
 
-    loaded = load_case(case, overrides or [])
+    loaded = load_case(case, overrides or [], trust=trust)
     from valvefsi.case.build import plan_case, run_case
 
     comm = MPI.COMM_WORLD
+    folder = out if out is not None else Path("results") / case.stem
     if plan:
-        result = plan_case(loaded, comm)
+        result = plan_case(loaded, comm, folder)
         if loaded.grid.dim == 3:
-            from valvefsi.benchmarks.scaling import on_more_ranks
+            from valvefsi.benchmarks.studies.scaling import on_more_ranks
 
             explicit = any("viscosity is explicit" in entry.note for entry in result["plan"])
             how = {"advection": loaded.fluid.advection, "viscous": "explicit" if explicit else "implicit"}
             result["plan"] += on_more_ranks(result["plan"], comm, **how)
         show_result(result, comm)
         return
-    folder = out if out is not None else Path("results") / case.stem
     period = next((c.pump.period for c in loaded.circuit if c.pump.period), None)
+    options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
     with Progress(comm, loaded.title or case.stem, period=period) as progress:
-        result = run_case(loaded, out=folder, resume=resume, comm=comm, progress=progress)
+        result = run_case(loaded, out=folder, comm=comm, progress=progress, **options)
     show_result(result, comm, folder)
 
 

@@ -13,7 +13,8 @@ from typing import Protocol
 from valvefsi.coupling.mirrors import Signs
 from valvefsi.coupling.transfer import Coupling, Transfer
 from valvefsi.errors import StabilityError, raise_together
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces
 
 GAP = 0.75
 """Largest gap between neighbouring points, in grid spacings.
@@ -97,6 +98,7 @@ class ElementalTransfer:
         except StabilityError as caught:
             error = caught
         raise_together(coupling.grid.comm, error)
+        assert rule is not None
         self.rule = rule
         self.transfer: Transfer = coupling.inner.at(rule.x)
 

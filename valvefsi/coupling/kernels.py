@@ -16,8 +16,20 @@ import numba
 import numpy as np
 
 from valvefsi.runtime.compiled import vectors
+from valvefsi.types import Array, Faces, Indices
 
-Array = np.ndarray
+Kind = tuple[int, int, int]
+"""Family of a kernel, and its points along a component's own axis and across it."""
+
+Geometry = tuple[Array, Array, Indices, int]
+"""Origin [cm], 1 / h [1/cm], local index of global entry 0, dimensions."""
+
+Rows = tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]
+"""As many numbers as the kernel has points along three axes."""
+
+Part = tuple[int, int, int]
+"""First point, number of points, component; or the shape of a local array."""
+
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 INDEX = np.uint64  # of a place that is not negative: no code for counting from the end
 
@@ -230,7 +242,7 @@ def others(room: Array, at: int, family: int, points: int) -> None:
 
 
 @kernel
-def weigh(base: Array, room: Array, x: Array, first: int, count: int, kind: tuple, grid: tuple) -> None:
+def weigh(base: Indices, room: Array, x: Array, first: int, count: int, kind: Kind, grid: Geometry) -> None:
     """First local index and weights of a block of points on faces (0) and centres (1) along each axis.
 
     They are kept axis by axis, each number of all points in a row; those of the last axis also point by point. One
@@ -270,7 +282,7 @@ def weigh(base: Array, room: Array, x: Array, first: int, count: int, kind: tupl
 
 
 @kernel
-def table() -> tuple[Array, Array]:
+def table() -> tuple[Indices, Array]:
     """Return room for the indices and the weights of a block of points; what stands for a missing axis is filled in."""
     base, room = np.zeros(7 * BLOCK, dtype=np.int64), np.zeros(SIZE)
     room[ONES : ONES + BLOCK] = 1.0
@@ -291,7 +303,7 @@ def places(d: int, dim: int) -> tuple[int, int, int, int, int, int]:
 
 @kernel
 def spread_block(
-    f: Array, base: Array, room: Array, F: Array, part: tuple, scale: float, shape: tuple, rows: tuple
+    f: Array, base: Indices, room: Array, F: Array, part: Part, scale: float, shape: Part, rows: Rows
 ) -> None:
     """Spread component d of a block of points, f(x) += scale sum_q F_d(q) w0 w1 w2.
 
@@ -336,7 +348,7 @@ def spread_block(
 
 @kernel
 def interpolate_block(
-    U: Array, base: Array, room: Array, u: Array, part: tuple, shape: tuple, rows: tuple
+    U: Array, base: Indices, room: Array, u: Array, part: Part, shape: Part, rows: Rows
 ) -> None:
     """Interpolate component d at a block of points, U_d(q) = sum_x u(x) w0 w1 w2: the transpose of `spread_block`."""
     first, count, d = part
@@ -391,7 +403,7 @@ def strides_of(f: Array, dim: int) -> tuple[int, int, int]:
 
 @vectors
 @kernel
-def spread(f: tuple, x: Array, F: Array, scale: float, kind: tuple, grid: tuple, rows: tuple) -> None:
+def spread(f: Faces, x: Array, F: Array, scale: float, kind: Kind, grid: Geometry, rows: Rows) -> None:
     """Spread forces F ``(num_points, dim)`` from points at x, f_d(x) += scale sum_q F_d(q) w0 w1 w2.
 
     The weights of axis d are those on faces. ``rows`` are as many numbers as the kernel has points along and across
@@ -414,7 +426,7 @@ def spread(f: tuple, x: Array, F: Array, scale: float, kind: tuple, grid: tuple,
 
 @vectors
 @kernel
-def interpolate(U: Array, x: Array, u: tuple, kind: tuple, grid: tuple, rows: tuple) -> None:
+def interpolate(U: Array, x: Array, u: Faces, kind: Kind, grid: Geometry, rows: Rows) -> None:
     """Interpolate a velocity on faces to points at x, U_d(q) = sum_x u_d(x) w0 w1 w2: the transpose of `spread`."""
     normal, across, outer = rows
     base, room = table()
@@ -429,14 +441,3 @@ def interpolate(U: Array, x: Array, u: tuple, kind: tuple, grid: tuple, rows: tu
                 interpolate_block(U, base, room, v, part, strides_of(v, len(u)), (outer, across, normal))
             else:
                 interpolate_block(U, base, room, v, part, strides_of(v, len(u)), (outer, normal, across))
-
-
-def largest_square_sum(name: str) -> float:
-    """Return the largest sum of squares of a kernel's weights over all shifts."""
-    family, _, points = KERNELS[name]
-    sums = []
-    for s in np.linspace(0.0, 1.0, 101):
-        w = np.zeros(points)
-        weights_at(w, family, points, s)
-        sums.append(float((w**2).sum()))
-    return max(sums)

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from valvefsi.grid import Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces
 
 Side = tuple[int, bool]
 """Axis of a side, and whether it is the upper one."""
@@ -37,7 +38,7 @@ def fold(f: Faces, grid: MacGrid, signs: Signs, sides: Collection[Side]) -> None
             _fold(component, grid, (axis, upper), on_faces=d == axis, sign=signs[axis, upper][d])
 
 
-def _fold(q, grid: MacGrid, side: Side, *, on_faces: bool, sign: float) -> None:  # noqa: ANN001
+def _fold(q: Array, grid: MacGrid, side: Side, *, on_faces: bool, sign: float) -> None:
     axis, upper = side
     ghosts = grid.ghosts[axis]
     face = ghosts + (grid.size[axis] if upper else 0)
@@ -54,5 +55,6 @@ def _fold(q, grid: MacGrid, side: Side, *, on_faces: bool, sign: float) -> None:
         outside, inside = outside + beyond, inside - beyond
 
 
-def _plane(q, axis: int, index: int):  # noqa: ANN001
-    return q[(slice(None),) * axis + (index,)]
+def _plane(q: Array, axis: int, index: int) -> Array:
+    plane: Array = q[(slice(None),) * axis + (index,)]
+    return plane

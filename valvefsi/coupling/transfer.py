@@ -8,11 +8,15 @@ adjoint by construction. Beyond a side whose velocity is given both use its mirr
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from mpi4py import MPI
 
 from valvefsi.coupling import kernels, mirrors
 from valvefsi.errors import StabilityError
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces, Indices
 
 
 class Coupling:
@@ -30,6 +34,8 @@ class Coupling:
 
     nodal = True
     """Whether the nodes themselves are the points."""
+    gap = math.inf
+    """Largest distance of neighbouring points that is let be [cm]: that of the nodes."""
 
     def __init__(self, grid: MacGrid, kernel: str, signs: mirrors.Signs | None = None) -> None:
         if kernel not in kernels.KERNELS:
@@ -107,7 +113,7 @@ class Coupling:
         low, high = ends[0] < self.inner_low, ends[1] > self.inner_high
         return [(axis, upper) for axis, upper in self.signs if (high if upper else low)[axis]]
 
-    def own(self, points: Array) -> np.ndarray:
+    def own(self, points: Array) -> Indices:
         """Return the numbers of the points, the same on all ranks, that lie in this rank's cells, ``(n,)``."""
         return np.flatnonzero(self.owners(self._wrap(points[:, : self.grid.dim])) == self.grid.comm.rank)
 
@@ -139,7 +145,7 @@ class Coupling:
                 place[:, axis] = lower + np.where(x >= length, 0.0, x)
         return place
 
-    def owners(self, place: Array) -> Array:
+    def owners(self, place: Array) -> Indices:
         """Rank that owns the cell of each point inside the box, ``(num_points,)``."""
         grid = self.grid
         cell = [
@@ -163,6 +169,7 @@ class Transfer:
         failed = self.route.failed if self.route else problem is not None
         if failed:
             raise StabilityError(_first_problem(comm, problem))
+        assert place is not None  # or it would have failed
         self.x = np.ascontiguousarray(self.route.send(place) if self.route else place)
         self.sides: list[mirrors.Side] = []
         if ends is not None and coupling.signs:
@@ -228,7 +235,7 @@ class Route:
             all ranks then see in `failed`.
     """
 
-    def __init__(self, comm, owners: Array | None) -> None:  # noqa: ANN001
+    def __init__(self, comm: MPI.Comm, owners: Indices | None) -> None:
         self.comm = comm
         counts = np.full(comm.size, -1, dtype=np.intc)
         if owners is not None:
@@ -256,5 +263,5 @@ class Route:
         return out
 
 
-def _first_problem(comm, problem: str | None) -> str:  # noqa: ANN001
+def _first_problem(comm: MPI.Comm, problem: str | None) -> str:
     return next(found for found in comm.allgather(problem) if found is not None)

@@ -6,71 +6,90 @@ fit_biaxial("tests.csv", "hgo").summary()
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from valvefsi.errors import CaseError
-from valvefsi.fitting import planar
-from valvefsi.fitting.biaxial_problem import Biaxial, biaxial_problem
+from valvefsi.fitting import planar, uncertainty
+from valvefsi.fitting.biaxial_problem import Biaxial, BiaxialOptions
 from valvefsi.fitting.biaxial_records import BiaxialData, Reading, read_biaxial
-from valvefsi.fitting.biaxial_results import BiaxialFit
-from valvefsi.fitting.least_squares import LOSSES, Fit, fit
-from valvefsi.fitting.planar_hgo import HGO, KINDS
+from valvefsi.fitting.least_squares import Fit, Notify, fit
+from valvefsi.fitting.planar_hgo import HGO
+from valvefsi.fitting.planar_stability import Stability, stability
+from valvefsi.fitting.report import Report, assess, measures, number, sha256, toml
+from valvefsi.types import Array
 
 MODELS = ("hgo", "lee_sacks", "fung", "may_newman_yin", "neo_hookean", "mooney_rivlin")
 """Materials that have a planar closed form."""
-WEIGHTS = ("unit", "balanced")
+DIRECTIONS = ("fibre", "sheet")
+"""Entries of a material that are directions."""
+Measures = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class BiaxialOptions:
-    """What is fitted, and how.
+class BiaxialFit:
+    """A material fitted to biaxial tests.
 
-    Args:
-        families: Families of fibres of ``hgo``: ``1``, ``2``, ``2-kappas`` or ``symmetric``, see `HGO`.
-        fibre_angle: Angle of the fibres to axis 1 [deg]; None to fit it.
-        fix: Values of parameters that are held, in their unit.
-        bounds: Bounds of parameters, in their unit.
-        protocols: Names of the protocols that are fitted, the others are predicted; None for all.
-        weights: ``unit``, or ``balanced``: each protocol and component weighs the same.
-        loss: Loss of `scipy.optimize.least_squares`; all but ``linear`` count outliers less.
-        loss_scale: Residual at which the loss turns from squares [kPa].
-        offsets: Fit an offset of the stretch for each protocol and axis (preconditioning).
-        starts: Number of starts.
-        seed: Seed of the starts and of the bootstrap.
-        draws: Draws of the bootstrap over protocols, 0 for none.
-        profiles: Compute profile likelihoods.
-        compare: Other materials to compare with.
+    Attributes:
+        fit: The least-squares fit.
+        problem: Material and records that were fitted.
+        report: Its numbers, with their uncertainty.
+        records: All records, those that were not fitted included.
+        predictions: Measures of each protocol that was not fitted.
+        comparison: Measures of each material that was compared.
+        stability: Convexity and ellipticity over the range of the data and beyond.
     """
 
-    families: str = "1"
-    fibre_angle: float | None = None
-    fix: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    protocols: Sequence[str] | None = None
-    weights: str = "unit"
-    loss: str = "linear"
-    loss_scale: float = 1.0
-    offsets: bool = False
-    starts: int = 32
-    seed: int = 0
-    draws: int = 50
-    profiles: bool = True
-    compare: Sequence[str] = ()
+    fit: Fit
+    problem: Biaxial
+    report: Report
+    records: BiaxialData
+    predictions: Measures
+    comparison: Measures
+    stability: Stability
 
-    def __post_init__(self) -> None:
-        for key, known in (("families", KINDS), ("weights", WEIGHTS), ("loss", LOSSES)):
-            if str(getattr(self, key)) not in known:
-                raise CaseError(f"expected one of {', '.join(known)}", key=key, value=getattr(self, key))
-        object.__setattr__(self, "families", str(self.families))
-        if self.starts < 1:
-            raise CaseError("expected at least one start", key="starts", value=self.starts)
-        if not self.loss_scale > 0:
-            raise CaseError("expected a positive number", key="loss_scale", value=self.loss_scale)
-        if self.fibre_angle is not None and not np.isfinite(self.fibre_angle):
-            raise CaseError("expected a finite angle, or free", key="fibre_angle", value=self.fibre_angle)
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values by name: stresses in kPa, angles in degrees."""
+        return self.fit.named
+
+    def predict(self, data: BiaxialData) -> Array:
+        """Return the stress at the deformations of other records, ``(n, components)`` [kPa]."""
+        return self.problem.predict(self.fit.values, data)
+
+    def lines(self) -> list[str]:
+        """Return what is said below the table of parameters."""
+        return self.report.lines()
+
+    def summary(self) -> str:
+        """Return the fit in words and a table."""
+        return self.report.summary()
+
+    def material_toml(self) -> str:
+        """Return the material as a case file takes it, directions relative to the leaflet's own."""
+        units = {p.name: p.unit for p in self.problem.own}
+        entries = self.problem.material.entries({name: self.parameters[name] for name in units})
+        names = [f"{path.name} (sha256 {sha256(path)[:12]})" for path in self.records.files]
+        axis = self.problem.options.axis1
+        remarks = [
+            f"fitted to {', '.join(names) or 'arrays'}, protocols {', '.join(self.problem.data.names)}",
+            f"R2 {measures(self.fit.problem.data, self.fit.curve)['r_squared']:.5f}; axis 1 of the test was taken as "
+            + ("the x axis" if axis == "x" else f"the {axis} direction of the leaflet"),
+        ]
+        return toml({"model": self.problem.material.model, **_entries(entries, units, axis)}, remarks)
+
+    def write(self, out: str | Path) -> Path:
+        """Write ``fit.json``, ``material.toml``, ``fit.png`` and ``profiles.png``; return the folder."""
+        from valvefsi.fitting.biaxial_pictures import draw_fit
+
+        folder = Path(out)
+        self.report.write(folder)
+        (folder / "material.toml").write_text(self.material_toml(), encoding="utf-8")
+        draw_fit(folder / "fit.png", self)
+        return folder
 
 
 def fit_biaxial(
@@ -78,7 +97,8 @@ def fit_biaxial(
     model: str = "hgo",
     *,
     reading: Reading | None = None,
-    **options: object,
+    notify: Notify | None = None,
+    **options: Any,
 ) -> BiaxialFit:
     """Fit a material to biaxial tests.
 
@@ -86,6 +106,7 @@ def fit_biaxial(
         data: The records, or the file or files that hold them.
         model: One of `MODELS`.
         reading: How files are to be read where their header does not say.
+        notify: Called as the work goes on.
         options: See `BiaxialOptions`.
 
     Returns:
@@ -95,63 +116,143 @@ def fit_biaxial(
         CaseError: The data or an option cannot be used.
         ConvergenceError: No start led to a finite cost.
     """
-    known = [item.name for item in fields(BiaxialOptions)]
+    names = [item.name for item in fields(BiaxialOptions)]
     for key in options:
-        if key not in known:
-            raise CaseError(f"unknown option, expected one of {', '.join(known)}", key=key)
+        if key not in names:
+            raise CaseError(f"unknown option, expected one of {', '.join(names)}", key=key)
     chosen = BiaxialOptions(**options)
     records = data if isinstance(data, BiaxialData) else read_biaxial(data, reading)
     used = records if chosen.protocols is None else records.select(chosen.protocols)
-    fitted, problem = _fit_model(used, model, chosen)
-    return BiaxialFit.of(
-        fitted, problem, records=records, options=chosen, others=_others(used, model, chosen)
-    )
+    best, problem = _fit_model(used, model, chosen, notify)
+    others, plain = {}, replace(chosen, fix={}, bounds={})
+    for name in map(_plain, chosen.compare):  # what was fixed or bounded counts for the first only
+        if name != _plain(model):
+            others[name] = _fit_model(used, name, plain, None)[0]
+    return _reported(best, problem, records, others, notify)
 
 
-def planar_material(model: str, extent: planar.Extent, options: BiaxialOptions) -> planar.PlanarMaterial:
+def planar_material(model: str, data: BiaxialData, options: BiaxialOptions) -> planar.PlanarMaterial:
     """Return the planar form of a material.
 
     Raises:
         CaseError: The material is not known, or has no planar closed form here.
     """
-    name = model.strip().lower().replace("-", "_")
+    name, angle = _plain(model), options.fibre_angle
     if name in planar.SIMPLE:
         return planar.SIMPLE[name]()
     if name == "hgo":
-        return HGO(families=options.families, angle=options.fibre_angle)
+        return HGO(families=options.families, angle=angle)
     if name == "may_newman_yin":
-        return planar.MayNewmanYin(angle=options.fibre_angle)
+        return planar.MayNewmanYin(angle=angle)
     if name == "fung":
-        angle = options.fibre_angle
-        if angle is None and not extent.shear:
-            angle = 0.0
+        angle = 0.0 if angle is None and not data.shear else angle
         turned = angle is None or abs(np.sin(2 * angle * planar.DEGREE)) > 1e-6
-        return planar.Fung(angle=angle, shear=extent.shear or turned)
+        return planar.Fung(angle=angle, shear=data.shear or turned)
     raise CaseError(f"no such planar material, expected one of {', '.join(MODELS)}", key="model", value=model)
 
 
-def _fit_model(data: BiaxialData, model: str, options: BiaxialOptions) -> tuple[Fit, Biaxial]:
+def _plain(model: str) -> str:
+    return model.strip().lower().replace("-", "_")
+
+
+def _fit_model(
+    data: BiaxialData, model: str, options: BiaxialOptions, notify: Notify | None
+) -> tuple[Fit, Biaxial]:
     """Return the fit of one material and what was fitted."""
-    state = planar.PlanarState.of(data.F)
-    extent = planar.Extent.of(state, float(np.abs(data.stress).max()))
-    material = planar_material(model, extent, options)
-    problem = biaxial_problem(data, material, extent, options)
-    found = fit(
-        problem.problem,
-        starts=options.starts,
-        seed=options.seed,
-        loss=options.loss,
-        loss_scale=options.loss_scale,
+    problem = Biaxial(data=data, material=planar_material(model, data, options), options=options)
+    best = fit(problem.problem, starts=options.starts, seed=options.seed, notify=notify)
+    return problem.canonical(best), problem
+
+
+def _reported(
+    best: Fit, problem: Biaxial, records: BiaxialData, others: Mapping[str, Fit], notify: Notify | None
+) -> BiaxialFit:
+    """Return a fit with everything that is said about it."""
+    options, data = problem.options, problem.data
+    predictions = {}
+    for name in (name for name in records.names if name not in data.names):
+        part = records.select([name])
+        predictions[name] = measures(part.stress.T.ravel(), problem.predict(best.values, part).T.ravel())
+    compared = {problem.material.model: best, **others} if others else {}
+    comparison = {name: _compared(other) for name, other in compared.items()}
+    checked = stability(problem.material, best.values[: problem.count], data.F)
+    assessment = assess(
+        best, with_profiles=options.profiles, draws=options.draws, seed=options.seed, notify=notify
     )
-    return problem.canonical(found), problem
+    report = Report(
+        kind="biaxial",
+        model=problem.material.model,
+        assessment=assessment,
+        files=records.files,
+        notes=(*records.notes, *_remarks(best, problem), *assessment.remarks()),
+        extra={
+            "protocols": data.names,
+            "measure": data.measure,
+            "prediction": predictions,
+            "comparison": comparison,
+            "stability": checked.as_dict(),
+        },
+        more=(*_said(predictions, comparison), *checked.lines()),
+    )
+    return BiaxialFit(
+        fit=best,
+        problem=problem,
+        report=report,
+        records=records,
+        predictions=predictions,
+        comparison=comparison,
+        stability=checked,
+    )
 
 
-def _others(data: BiaxialData, model: str, options: BiaxialOptions) -> dict[str, Fit]:
-    """Return the fits of the materials to compare with; what was fixed or bounded counts for the first only."""
-    found = {}
-    plain = replace(options, fix={}, bounds={})
-    for name in options.compare:
-        key = name.strip().lower().replace("-", "_")
-        if key != model.strip().lower().replace("-", "_"):
-            found[key] = _fit_model(data, key, plain)[0]
-    return found
+def _said(predictions: Measures, comparison: Measures) -> list[str]:
+    return [
+        f"protocol {name}, predicted: relative L2 {100 * size['relative_l2']:.3g} %, R2 {size['r_squared']:.4f}"
+        for name, size in predictions.items()
+    ] + [
+        f"{name}: half sum of squares {size['half_sum_of_squares']:.6g}, {size['n_free']} parameters, "
+        f"AICc {size['aicc']:.5g}, BIC {size['bic']:.5g}, held-out error {100 * size['held_out']:.3g} %"
+        for name, size in comparison.items()
+    ]
+
+
+def _compared(fit: Fit) -> dict[str, float]:
+    """Return what materials are compared by; the held-out error is over all blocks together."""
+    held = uncertainty.leave_one_out(fit)
+    problem = fit.problem
+    counts = [int(np.sum(problem.block_of == block)) for block in np.unique(problem.block_of)]
+    squares = sum(n * h.rmse**2 for n, h in zip(counts, held, strict=False))
+    total = float(np.linalg.norm(problem.data))
+    return {
+        "half_sum_of_squares": fit.half_squares,
+        "n_free": len(problem.free),
+        "r_squared": measures(problem.data, fit.curve)["r_squared"],
+        **uncertainty.information(fit),
+        "held_out": float(np.sqrt(squares) / total) if held and total > 0 else float("nan"),
+    }
+
+
+def _remarks(fit: Fit, problem: Biaxial) -> list[str]:
+    """Return what should be said of the model and the data together."""
+    said, free = [], [p.name for p in fit.problem.free_parameters]
+    if problem.material.model == "fung" and not getattr(problem.material, "shear", True):
+        said.append("no shear in the data: a4 is that of an isotropic sheet, a1 + a2 - 2 a3")
+    if "angle" in free and not problem.data.shear:
+        angle = number(fit.named["angle"])
+        said.append(f"without shear in the data the fibres may lie at +{angle} or at minus that angle")
+    return said
+
+
+def _entries(values: Mapping[str, Any], units: Mapping[str, str], axis: str) -> dict[str, Any]:
+    """Return the entries of a table of TOML: stresses with their unit, directions relative to the leaflet's own."""
+    entries: dict[str, Any] = {}
+    for name, value in values.items():
+        if name == "families":
+            entries[name] = [_entries(family, units, axis) for family in value]
+        elif name in DIRECTIONS and axis != "x":
+            angle = float(value) if axis == "circumferential" else 90.0 - float(value)
+            entries[name] = f"{angle!r} deg from circumferential"
+        else:
+            stress = units.get(name, units.get(f"{name}_1", "-")) == "kPa"
+            entries[name] = f"{float(value)!r} kPa" if stress else float(value)
+    return entries

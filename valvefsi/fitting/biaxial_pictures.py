@@ -14,10 +14,9 @@ from valvefsi.fitting.uncertainty import band
 from valvefsi.post.plots.fit import Block, Curve, blocks_picture
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from valvefsi.fitting.biaxial import BiaxialFit
     from valvefsi.fitting.biaxial_records import BiaxialData
-    from valvefsi.fitting.biaxial_results import BiaxialFit
+    from valvefsi.types import Array
 
 MEASURES = {
     "pk1": "first Piola-Kirchhoff stress",
@@ -28,17 +27,17 @@ MEASURES = {
 SYMBOLS = {"pk1": "P", "pk2": "S", "cauchy": "$\\sigma$"}
 
 
-def draw_fit(path: Path, found: BiaxialFit) -> Path:
+def draw_fit(path: Path, result: BiaxialFit) -> Path:
     """Draw data, curves, 95 % bands and residuals of each protocol, those that were predicted last."""
     blocks = []
-    fitted = found.problem.data.names
-    for name in sorted(found.records.names, key=lambda name: name not in fitted):
-        part = found.records.select([name])
+    fitted = result.problem.data.names
+    for name in sorted(result.records.names, key=lambda name: name not in fitted):
+        part = result.records.select([name])
         blocks.append(
-            Block(title=f"protocol {name}", curves=_curves(found, part, name), predicted=name not in fitted)
+            Block(title=f"protocol {name}", curves=_curves(result, part, name), predicted=name not in fitted)
         )
-    size = measures(found.fit.problem.data, found.fit.curve)
-    measure = found.problem.data.measure
+    size = measures(result.fit.problem.data, result.fit.curve)
+    measure = result.problem.data.measure
     caption = (
         f"{MEASURES[measure]}; R2 {size['r_squared']:.4f}, relative L2 {100 * size['relative_l2']:.2f} %"
     )
@@ -47,22 +46,22 @@ def draw_fit(path: Path, found: BiaxialFit) -> Path:
         blocks,
         x_label="stretch [-]",
         y_label=f"{SYMBOLS[measure]} [kPa]",
-        title=f"Biaxial fit, {found.problem.material.model}",
+        title=f"Biaxial fit, {result.problem.material.model}",
         caption=caption,
     )
 
 
-def _curves(found: BiaxialFit, part: BiaxialData, name: str) -> list[Curve]:
+def _curves(result: BiaxialFit, part: BiaxialData, name: str) -> list[Curve]:
     """Return the curves of one protocol, a fitted one as it was fitted, offsets included."""
-    if name in found.problem.data.names:
+    if name in result.problem.data.names:
         rows = np.tile(
-            found.problem.data.protocol == found.problem.data.names.index(name), len(part.components)
+            result.problem.data.protocol == result.problem.data.names.index(name), len(part.components)
         )
-        curve = found.fit.curve[rows].reshape(len(part.components), -1)
-        wide = band(found.fit, found.report.assessment.linear)[rows].reshape(curve.shape)
+        curve = result.fit.curve[rows].reshape(len(part.components), -1)
+        wide = band(result.fit, result.report.assessment.linear)[rows].reshape(curve.shape)
     else:
-        curve = found.predict(part).T
-        wide = band(found.fit, found.report.assessment.linear, lambda v: _by_parameters(found, part, v))
+        curve = result.predict(part).T
+        wide = band(result.fit, result.report.assessment.linear, lambda v: _by_parameters(result, part, v))
         wide = wide.reshape(curve.shape)
     lengths = np.linalg.norm(part.F, axis=1)
     return [
@@ -77,9 +76,9 @@ def _curves(found: BiaxialFit, part: BiaxialData, name: str) -> list[Curve]:
     ]
 
 
-def _by_parameters(found: BiaxialFit, part: BiaxialData, v: NDArray) -> NDArray:
+def _by_parameters(result: BiaxialFit, part: BiaxialData, v: Array) -> Array:
     """Return the derivative of the predicted stress by all parameters, ``(components n, parameters)``."""
-    problem = found.problem
+    problem = result.problem
     gradient = problem.material.gradient(v[: problem.count], PlanarState.of(part.F))
     rows = np.einsum("knj,pjn->knp", measured_from_pk2(part, part.F), gradient).reshape(-1, problem.count)
     return np.pad(rows, ((0, 0), (0, len(v) - problem.count)))

@@ -7,6 +7,8 @@ Columns are known by their names, upper or lower case, with a unit at the end if
     stress        PK1_1 PK1_2 (P11 P22 [P12 P21]) | PK2_1 PK2_2 (S11 S22 [S12]) | cauchy1 cauchy2 (sigma11 ...)
                   | tension1 tension2: force per reference length, needs the thickness
     protocol      a name or number for each row; without it a file is one protocol
+
+Other columns are passed over with a note, and so are those of a standard deviation (``P11_sd``).
 """
 
 from __future__ import annotations
@@ -17,10 +19,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
-from valvefsi.fitting.record_table import Table, read_table
+from valvefsi.fitting.record_table import Table, is_statistic, read_table
+from valvefsi.types import Array, Indices
 from valvefsi.units import KILOPASCAL, MMHG
 
 STRESS_UNITS = {
@@ -48,6 +50,19 @@ KINDS = {
 DEFORMATIONS, STRESSES = ("gradient", "strain", "stretch"), ("pk1", "pk2", "cauchy", "tension")
 INDEX = r"_?(11|22|12|21|1|2)"
 EXAMPLES = "stretch1, E11, F11, PK1_1, PK2_1, cauchy1, tension1 or protocol"
+NAMES = {
+    "stretch": "stretch{0}",
+    "strain": "E{0}{0}",
+    "gradient": "F{0}{0}",
+    "pk1": "P{0}{0}",
+    "pk2": "S{0}{0}",
+}
+NAMES |= {"cauchy": "cauchy{0}", "tension": "tension{0}"}
+"""A name of each quantity along an axis, for messages."""
+LARGEST = 1e6
+"""Largest stress that a record may hold [kPa]."""
+FIXED = 1e-9
+"""Change of F below which nothing was deformed."""
 FALL, SLACK = 0.1, 0.05
 """Fall of the stress, and stress in a slack specimen, that are refused, as parts of the protocol's largest."""
 
@@ -84,11 +99,11 @@ class BiaxialData:
         notes: What was inferred.
     """
 
-    F: NDArray
+    F: Array
     measure: str
     components: tuple[str, ...]
-    stress: NDArray
-    protocol: NDArray
+    stress: Array
+    protocol: Indices
     names: tuple[str, ...]
     files: tuple[Path, ...] = ()
     notes: tuple[str, ...] = ()
@@ -132,6 +147,10 @@ class _Column:
     unit: str | None
 
 
+Columns = Mapping[tuple[str, str], _Column]
+"""Columns by kind and component."""
+
+
 def read_biaxial(paths: str | Path | Sequence[str | Path], reading: Reading | None = None) -> BiaxialData:
     """Read one or several CSV files of biaxial tests.
 
@@ -153,10 +172,9 @@ def read_biaxial(paths: str | Path | Sequence[str | Path], reading: Reading | No
     if doubled is not None:
         raise CaseError("two protocols have this name", key="protocol", value=doubled)
     shifts = np.cumsum([0, *(len(part.names) for part in parts[:-1])])
-    return BiaxialData(
+    return replace(
+        first,
         F=np.concatenate([part.F for part in parts]),
-        measure=first.measure,
-        components=first.components,
         stress=np.concatenate([part.stress for part in parts]),
         protocol=np.concatenate([part.protocol + s for part, s in zip(parts, shifts, strict=True)]),
         names=names,
@@ -167,13 +185,15 @@ def read_biaxial(paths: str | Path | Sequence[str | Path], reading: Reading | No
 
 def _read_file(path: Path, reading: Reading, *, many: bool) -> BiaxialData:
     table = read_table(path)
-    columns, notes = _recognise(table, reading.columns or {})
-    F = _deformation(table, columns, notes)
-    measure, components, stress = _stress(table, columns, reading, notes)
+    columns = _recognise(table, reading.columns or {})
+    deformation, measure = _kinds(table, columns)
+    notes = list(table.unused(column.header for column in columns.values()))
+    F = _deformation(table, columns, deformation, notes)
+    components, stress = _stress(table, columns, measure, reading, notes)
     protocol, names = _protocols(table, columns, path.stem if many else None)
     data = BiaxialData(
         F=F,
-        measure=measure,
+        measure="pk1" if measure == "tension" else measure,
         components=components,
         stress=stress,
         protocol=protocol,
@@ -184,31 +204,21 @@ def _read_file(path: Path, reading: Reading, *, many: bool) -> BiaxialData:
     return replace(data, notes=tuple(notes))
 
 
-def _recognise(table: Table, given: Mapping[str, str]) -> tuple[dict[tuple[str, str], _Column], list[str]]:
-    """Return the columns by kind and component, and notes on those that are not used."""
-    names = {header: header for header in table.header}
-    for name, header in given.items():
-        if header not in names:
-            message = f"no such column, there are {', '.join(table.header)}"
-            raise CaseError(message, file=table.path, key=f"column {name}", value=header)
-        names[header] = name
-    found: dict[tuple[str, str], _Column] = {}
-    ignored = []
-    for header, name in names.items():
+def _recognise(table: Table, columns: Mapping[str, str]) -> Columns:
+    """Return the columns by kind and component."""
+    recognised: dict[tuple[str, str], _Column] = {}
+    for header, name in table.renamed(columns, "column").items():
         column = _meaning(header, name, table)
         if column is None:
             if name != header:
-                raise CaseError(
-                    f"not a quantity, expected {EXAMPLES}", file=table.path, key="column", value=name
-                )
-            ignored.append(header)
+                message = f"not a quantity, expected {EXAMPLES}"
+                raise CaseError(message, file=table.path, key="column", value=name)
             continue
         key = (column.kind, column.component)
-        if key in found:
-            message = f"the same quantity as column {found[key].header}"
-            raise CaseError(message, file=table.path, key=f"row {table.header_line}, column {header}")
-        found[key] = column
-    return found, [f"{table.path.name}: columns not used: {', '.join(ignored)}"] if ignored else []
+        if key in recognised:
+            raise table.fault(f"the same quantity as column {recognised[key].header}", header)
+        recognised[key] = column
+    return recognised
 
 
 def _meaning(header: str, name: str, table: Table) -> _Column | None:
@@ -222,17 +232,19 @@ def _meaning(header: str, name: str, table: Table) -> _Column | None:
         return _Column(header=header, kind="protocol", component="", unit=None)
     for kind, pattern in KINDS.items():
         match = re.fullmatch(pattern + INDEX + r"(?:_*[\[(]([^\])]*)[\])]|_+(\S+))?", text)
-        if match is None:
+        if match is None or is_statistic(text):
             continue
-        unit = next((part for part in match.groups()[1:] if part is not None), None)
+        unit = next((_plain_unit(part) for part in match.groups()[1:] if part is not None), None)
+        units = _units(kind)
+        if unit is not None and unit not in units:
+            raise table.fault(f"unknown unit {unit}, expected one of {', '.join(units)}", header)
         component = match[1] if len(match[1]) == 2 else 2 * match[1]
-        unit = None if unit is None else _plain_unit(unit)
-        known = TENSION_UNITS if kind == "tension" else STRESS_UNITS if kind in STRESSES else PURE_UNITS
-        if unit is not None and unit not in known:
-            message = f"unknown unit {unit}, expected one of {', '.join(known)}"
-            raise CaseError(message, file=table.path, key=f"row {table.header_line}, column {header}")
         return _Column(header=header, kind=kind, component=component, unit=unit)
     return None
+
+
+def _units(kind: str) -> Mapping[str, float]:
+    return TENSION_UNITS if kind == "tension" else STRESS_UNITS if kind in STRESSES else PURE_UNITS
 
 
 def _plain_unit(text: str) -> str:
@@ -240,55 +252,71 @@ def _plain_unit(text: str) -> str:
     return re.sub(r"[\s^*]", "", text.strip("_").lower()).replace("_per_", "/").replace("_", "/")
 
 
-def _deformation(table: Table, columns: Mapping[tuple[str, str], _Column], notes: list[str]) -> NDArray:
-    """Return F from the stretches, strains or F itself, whichever is complete."""
-    kind = next((kind for kind in DEFORMATIONS if (kind, "11") in columns or (kind, "22") in columns), None)
-    if kind is None:
-        message = "no column for the deformation: stretch1 and stretch2, E11 and E22, or F11 to F22"
+def _kinds(table: Table, columns: Columns) -> tuple[str, str]:
+    """Return how the deformation and the stress are given.
+
+    Raises:
+        CaseError: Columns are missing, all named at once, or there are several measures of stress.
+    """
+    deformation = next((kind for kind in DEFORMATIONS if {(kind, "11"), (kind, "22")} & columns.keys()), None)
+    stresses = [kind for kind in STRESSES if any(key[0] == kind for key in columns)]
+    if len(stresses) > 1:
+        raise CaseError(f"expected one measure of stress, found {' and '.join(stresses)}", file=table.path)
+    missing = []
+    for kind in filter(None, (deformation, *stresses)):
+        missing += [NAMES[kind].format(axis) for axis in (1, 2) if (kind, 2 * str(axis)) not in columns]
+    if deformation is None:
+        missing.append("the deformation (stretch1 and stretch2, E11 and E22, or F11 to F22)")
+    if not stresses:
+        missing.append("the stress (PK1_1 and PK1_2, PK2_1 ..., cauchy1 ..., or tension1 ...)")
+    if missing or deformation is None:
+        message = f"columns missing: {' and '.join(missing)}"
         raise CaseError(message, file=table.path, key=f"columns {', '.join(table.header)}")
+    return deformation, stresses[0]
+
+
+def _deformation(table: Table, columns: Columns, kind: str, notes: list[str]) -> Array:
+    """Return F from the stretches, strains or F itself, ``(rows, 2, 2)``."""
     values = {}
     for component in ("11", "22", "12", "21"):
         column = columns.get((kind, component))
         if column is not None:
             values[component] = table.numbers(column.header) * PURE_UNITS[column.unit or "-"]
-        elif component in ("11", "22"):
-            raise CaseError("this column is missing", file=table.path, key=f"column {kind} {component}")
+    _check_positive(table, columns, kind, values)
     F = np.zeros((len(table.rows), 2, 2))
     if kind == "strain":
-        _check_positive(table, columns, kind, {k: 1 + 2 * values[k] for k in ("11", "22")})
         F = _stretch_of(table, values, notes)
     else:
-        _check_positive(table, columns, kind, values)
         for component, numbers in values.items():
             F[:, int(component[0]) - 1, int(component[1]) - 1] = numbers
-    determinant = np.linalg.det(F)
-    for line, value in zip(table.lines, determinant, strict=True):
+    if np.ptp(F, axis=0).max() < FIXED:
+        raise CaseError("the deformation does not change: there is nothing to fit", file=table.path)
+    for line, value in zip(table.lines, np.linalg.det(F), strict=True):
         if not 1e-6 < value < 1e6:
             message = "the deformation leaves no usable area"
             raise CaseError(message, file=table.path, key=f"row {line}, det F", value=float(value))
+    if len(F) > 1 and np.ptp(F, axis=0).max() < 1e-9:
+        raise CaseError("the deformation does not change: there is nothing to fit", file=table.path)
     return F
 
 
-def _check_positive(
-    table: Table, columns: Mapping[tuple[str, str], _Column], kind: str, values: Mapping[str, NDArray]
-) -> None:
-    """Refuse stretches that are not positive, and those that look like percent."""
+def _check_positive(table: Table, columns: Columns, kind: str, values: Mapping[str, Array]) -> None:
+    """Refuse stretches (strains) that are not positive (above -1/2), and those that look like percent."""
+    strain = kind == "strain"
+    least, most = (-0.5, 100) if strain else (0, 10)
+    small = "a Green strain must exceed -1/2" if strain else "a stretch must be positive"
     for component in ("11", "22"):
         header = columns[(kind, component)].header
         for line, value in zip(table.lines, values[component], strict=True):
-            if value <= 0:
-                message = (
-                    "a stretch must be positive" if kind != "strain" else "a Green strain must exceed -1/2"
-                )
-                raise table.fault(message, header, line)
-            if value > (10 if kind != "strain" else 100):
-                raise table.fault(
-                    "this is too large for soft tissue; is it in percent?", header, line, float(value)
-                )
+            if value <= least:
+                raise table.fault(small, header, line)
+            if value > most:
+                message = "this is too large for soft tissue; is it in percent?"
+                raise table.fault(message, header, line, float(value))
 
 
-def _stretch_of(table: Table, values: Mapping[str, NDArray], notes: list[str]) -> NDArray:
-    """Return U, U^2 = C = 1 + 2 E, the deformation without rotation."""
+def _stretch_of(table: Table, values: Mapping[str, Array], notes: list[str]) -> Array:
+    """Return U, U^2 = C = 1 + 2 E, the deformation without rotation, ``(rows, 2, 2)``."""
     shear = values.get("12", values.get("21", np.zeros(len(table.rows))))
     E = np.array([[values["11"], shear], [shear, values["22"]]]).transpose(2, 0, 1)
     squares, axes = np.linalg.eigh(np.eye(2) + 2 * E)
@@ -301,60 +329,43 @@ def _stretch_of(table: Table, values: Mapping[str, NDArray], notes: list[str]) -
 
 
 def _stress(
-    table: Table, columns: Mapping[tuple[str, str], _Column], reading: Reading, notes: list[str]
-) -> tuple[str, tuple[str, ...], NDArray]:
-    """Return measure, components and values of the stress [kPa]."""
-    kinds = [kind for kind in STRESSES if any(key[0] == kind for key in columns)]
-    if not kinds:
-        message = "no column for the stress: PK1_1 and PK1_2, PK2_1 ..., cauchy1 ..., or tension1 ..."
-        raise CaseError(message, file=table.path, key=f"columns {', '.join(table.header)}")
-    if len(kinds) > 1:
-        raise CaseError(f"expected one measure of stress, found {' and '.join(kinds)}", file=table.path)
-    kind = kinds[0]
+    table: Table, columns: Columns, kind: str, reading: Reading, notes: list[str]
+) -> tuple[tuple[str, ...], Array]:
+    """Return the components of the stress and their values, ``(rows, components)`` [kPa]."""
     components = tuple(c for c in ("11", "22", "12", "21") if (kind, c) in columns)
-    if not {"11", "22"} <= set(components):
-        missing = "22" if "11" in components else "11"
-        raise CaseError("this column is missing", file=table.path, key=f"column {kind} {missing}")
     raw = np.array([table.numbers(columns[(kind, c)].header) for c in components]).T
     if not np.any(raw):
         raise CaseError("the stress is zero throughout", file=table.path)
-    known = TENSION_UNITS if kind == "tension" else STRESS_UNITS
-    factors = [_factor(columns[(kind, c)], reading.unit, known, (raw, table, notes)) for c in components]
-    stress = raw * np.array(factors)
-    if kind != "tension":
-        return kind, components, stress
-    if reading.thickness is None or not reading.thickness > 0:
-        raise CaseError("tensions need the thickness of the specimen", file=table.path, key="thickness")
-    notes.append(
-        f"{table.path.name}: first Piola-Kirchhoff stress is tension over {10 * reading.thickness:g} mm"
-    )
-    return "pk1", components, stress / (10 * reading.thickness)
+    units, largest = _units(kind), float(np.abs(raw).max())
+    unit = None if reading.unit is None else _plain_unit(reading.unit)
+    if unit is not None and unit not in units:
+        raise CaseError(f"unknown unit, expected one of {', '.join(units)}", key="unit", value=reading.unit)
+    if unit is None:
+        unit = "n/m" if kind == "tension" else "pa" if largest > 5e3 else "kpa" if largest > 2 else "mpa"
+        if any(columns[(kind, c)].unit is None for c in components):
+            said = {"n/m": "N/m", "pa": "Pa", "kpa": "kPa", "mpa": "MPa"}[unit]
+            notes.append(
+                f"{table.path.name}: no unit given for the stress, {said} inferred from its size "
+                f"(largest {largest:.5g})"
+            )
+    stress = raw * np.array([units[columns[(kind, c)].unit or unit] for c in components])
+    if kind == "tension":
+        if reading.thickness is None or not reading.thickness > 0:
+            raise CaseError("tensions need the thickness of the specimen", file=table.path, key="thickness")
+        millimetres = 10 * reading.thickness
+        notes.append(f"{table.path.name}: first Piola-Kirchhoff stress is tension over {millimetres:g} mm")
+        stress = stress / millimetres
+    beyond = np.argwhere(np.abs(stress) > LARGEST)
+    if len(beyond):
+        row, at = beyond[0]
+        message = f"no tissue bears this, at most {LARGEST:g} kPa is plausible"
+        raise table.fault(
+            message, columns[(kind, components[at])].header, table.lines[row], float(raw[row, at])
+        )
+    return components, stress
 
 
-def _factor(
-    column: _Column, given: str | None, known: Mapping[str, float], where: tuple[NDArray, Table, list[str]]
-) -> float:
-    """Return the factor to kPa or N/m, from the header, the option, or the size of the numbers."""
-    raw, table, notes = where
-    if column.unit is not None:
-        return known[column.unit]
-    if given is not None:
-        unit = _plain_unit(given)
-        if unit not in known:
-            raise CaseError(f"unknown unit, expected one of {', '.join(known)}", key="unit", value=given)
-        return known[unit]
-    largest = float(np.abs(raw).max())
-    unit = "n/m" if known is TENSION_UNITS else "pa" if largest > 5e3 else "kpa" if largest > 2 else "mpa"
-    shown = {"n/m": "N/m", "pa": "Pa", "kpa": "kPa", "mpa": "MPa"}[unit]
-    note = f"{table.path.name}: no unit given for the stress, {shown} inferred from its size (largest {largest:.5g})"
-    if note not in notes:
-        notes.append(note)
-    return known[unit]
-
-
-def _protocols(
-    table: Table, columns: Mapping[tuple[str, str], _Column], prefix: str | None
-) -> tuple[NDArray, tuple[str, ...]]:
+def _protocols(table: Table, columns: Columns, prefix: str | None) -> tuple[Indices, tuple[str, ...]]:
     """Return the number of each row's protocol and the names; with several files the file's name goes first."""
     column = columns.get(("protocol", ""))
     if column is None:
@@ -375,29 +386,23 @@ def _protocols(
     return np.array([names.index(text) for text in texts]), tuple(names)
 
 
-def _suspects(
-    table: Table, data: BiaxialData, columns: Mapping[tuple[str, str], _Column], *, accept: bool
-) -> list[str]:
+def _suspects(table: Table, data: BiaxialData, columns: Columns, *, accept: bool) -> list[str]:
     """Name tension in a slack specimen and stress that falls while it is stretched; refuse or note it."""
     lengths = np.linalg.norm(data.F, axis=1)
-    lines = np.array(table.lines)
     notes = []
     for axis, component in enumerate(("11", "22")):
         at = data.components.index(component)
         header = next(columns[(kind, component)].header for kind in STRESSES if (kind, component) in columns)
-        for number in range(len(data.names)):
+        for number, name in enumerate(data.names):
             rows = np.flatnonzero(data.protocol == number)
             stress, peak = data.stress[rows, at], np.abs(data.stress[rows]).max()
             slack = np.all(lengths[rows] <= 1 + 1e-9, axis=1) & (stress > SLACK * peak)
             rising = np.all(np.diff(lengths[rows], axis=0) >= 0, axis=1) & (np.diff(lengths[rows, axis]) > 0)
             falls = np.concatenate([[False], rising & (np.diff(stress) < -FALL * peak)])
             for fault, text in ((slack, "tension while slack"), (falls, "stress falls while stretched")):
-                if not fault.any():
-                    continue
-                error = table.fault(
-                    f"{text}, protocol {data.names[number]}", header, int(lines[rows[fault][0]])
-                )
-                if not accept:
-                    raise error
-                notes.append(f"{error} ({int(fault.sum())} rows)")
+                if fault.any():
+                    error = table.fault(f"{text}, protocol {name}", header, table.lines[rows[fault][0]])
+                    if not accept:
+                        raise error
+                    notes.append(f"{error} ({int(fault.sum())} rows)")
     return notes

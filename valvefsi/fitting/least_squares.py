@@ -8,23 +8,23 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 from scipy.stats import qmc
 
 from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.fitting.problem import Parameter, Problem
+from valvefsi.types import Array
 
-__all__ = ["Fit", "Parameter", "Problem", "Start", "draw_starts", "fit", "linear_start", "solve"]
+__all__ = ["Fit", "Notify", "Parameter", "Problem", "Start", "draw_starts", "fit", "solve"]
 
-LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
+Notify = Callable[[str, int, int], None]
+"""Called with what has been done, how many times, and how many times it will be."""
 SAME = 1e-6
 """Two costs are the same when they differ by no more than this part of the smaller one."""
 NOTHING = 1e-18
 """A cost below this part of half the data's sum of squares is an exact fit."""
-
-SHARE = 0.05
-"""Least share of the data that a positive linear parameter starts with."""
+LEAST_PART = 0.05
+"""Least part of the data that a positive linear parameter starts with."""
 CLOSE = 1e-6
 """A parameter is at its bound when it is nearer than this part of the span of its bounds."""
 
@@ -34,15 +34,15 @@ class Start:
     """Where one start led.
 
     Attributes:
-        initial: Values of all parameters at the start.
-        values: Values at the end.
+        initial: Values of all parameters at the start, ``(n,)``.
+        values: Values at the end, ``(n,)``.
         cost: Half the sum of squares at the end (of the loss, where it is not linear).
         converged: The solver met its tolerance.
         evaluations: Evaluations of the model.
     """
 
-    initial: NDArray
-    values: NDArray
+    initial: Array
+    values: Array
     cost: float
     converged: bool
     evaluations: int
@@ -54,21 +54,17 @@ class Fit:
 
     Attributes:
         problem: What was fitted.
-        values: Values of all parameters, those held included.
+        values: Values of all parameters, those held included, ``(n,)``.
         cost: Half the sum of squares of the weighted residuals (of the loss, where it is not linear).
         starts: Every start, best first.
-        loss: Name of the loss.
-        loss_scale: Residual at which the loss turns from squares.
         seed: Seed of the starts.
         seconds: Time it took [s].
     """
 
     problem: Problem
-    values: NDArray
+    values: Array
     cost: float
     starts: tuple[Start, ...]
-    loss: str = "linear"
-    loss_scale: float = 1.0
     seed: int = 0
     seconds: float = 0.0
 
@@ -78,12 +74,12 @@ class Fit:
         return {p.name: float(v) for p, v in zip(self.problem.parameters, self.values, strict=True)}
 
     @cached_property
-    def curve(self) -> NDArray:
+    def curve(self) -> Array:
         """The model at the values found, ``(m,)``."""
         return self.problem.model(self.values)
 
     @property
-    def residual(self) -> NDArray:
+    def residual(self) -> Array:
         """Model minus data, without weights, ``(m,)``."""
         return self.curve - self.problem.data
 
@@ -93,7 +89,7 @@ class Fit:
         return float(np.sum((self.problem.w * self.residual) ** 2) / 2)
 
     @cached_property
-    def jacobian(self) -> NDArray:
+    def jacobian(self) -> Array:
         """Weighted, scaled Jacobian, ``(m, free)``."""
         return self.problem.scaled_sensitivity(self.values)
 
@@ -126,9 +122,7 @@ def fit(
     starts: int = 32,
     seed: int = 0,
     first: Mapping[str, float] | None = None,
-    loss: str = "linear",
-    loss_scale: float = 1.0,
-    prepare: Callable[[Problem, NDArray], NDArray] | None = None,
+    notify: Notify | None = None,
 ) -> Fit:
     """Fit from many starts, drawn from a scrambled Sobol sequence, and return the best.
 
@@ -137,37 +131,32 @@ def fit(
         starts: Number of starts.
         seed: Seed of the sequence.
         first: Values of parameters in a first start of one's own, the others from the middle of their range.
-        loss: Loss of `scipy.optimize.least_squares`.
-        loss_scale: Residual at which the loss turns from squares.
-        prepare: Moves a start to a better place, ``(problem, scaled) -> scaled``; `linear_start` by default.
+        notify: Called after each start.
 
     Raises:
-        CaseError: The loss is not known, or there are fewer observations than parameters.
+        CaseError: There are fewer observations than parameters.
         ConvergenceError: No start led to a finite cost.
     """
-    if loss not in LOSSES:
-        raise CaseError(f"unknown loss, expected one of {', '.join(LOSSES)}", key="loss", value=loss)
     if len(problem.data) < len(problem.free):
         message = f"{len(problem.data)} observations cannot fix {len(problem.free)} parameters"
         raise CaseError(message, key="data")
     began = time.perf_counter()
     if not problem.free:
-        return _held(problem, loss, loss_scale)
-    found = []
+        return _held(problem)
+    tried = []
     for x in draw_starts(problem, starts, seed, first):
-        x = (prepare or linear_start)(problem, x)
-        found.append(solve(problem, x, loss=loss, loss_scale=loss_scale))
-    found = sorted((s for s in found if np.isfinite(s.cost)), key=lambda s: (not s.converged, s.cost))
-    if not found:
+        tried.append(solve(problem, linear_start(problem, x)))
+        if notify:
+            notify("starts", len(tried), starts)
+    finite = sorted((s for s in tried if np.isfinite(s.cost)), key=lambda s: (not s.converged, s.cost))
+    if not finite:
         raise ConvergenceError("no start gave a finite model: narrow the bounds")
-    best = min(found, key=lambda s: s.cost)
+    best = min(finite, key=lambda s: s.cost)
     return Fit(
         problem=problem,
         values=_snapped(problem, best.values),
         cost=best.cost,
-        starts=tuple(found),
-        loss=loss,
-        loss_scale=loss_scale,
+        starts=tuple(finite),
         seed=seed,
         seconds=time.perf_counter() - began,
     )
@@ -175,27 +164,27 @@ def fit(
 
 def draw_starts(
     problem: Problem, count: int, seed: int, first: Mapping[str, float] | None = None
-) -> list[NDArray]:
-    """Return scaled starts inside the range of each parameter."""
+) -> list[Array]:
+    """Return scaled starts inside the range of each parameter, each ``(free,)``."""
     parameters = problem.free_parameters
     low = np.array([p.scaled(p.range[0]) for p in parameters])
     high = np.array([p.scaled(p.range[1]) for p in parameters])
     power = max(int(np.ceil(np.log2(max(count, 1)))), 0)
     cube = qmc.Sobol(len(parameters), scramble=True, seed=seed).random_base2(power)[:count]
-    found = list(low + cube * (high - low))
+    drawn = list(low + cube * (high - low))
     if first is not None:
         middle = (low + high) / 2
         own = [
             p.scaled(first[p.name]) if p.name in first else m for p, m in zip(parameters, middle, strict=True)
         ]
-        found = [np.clip(own, *problem.bounds), *found[: max(count - 1, 0)]]
-    return found
+        drawn = [np.clip(own, *problem.bounds), *drawn[: max(count - 1, 0)]]
+    return drawn
 
 
-def linear_start(problem: Problem, x: NDArray) -> NDArray:
-    """Return a start whose linear parameters are the best for the others, inside their bounds.
+def linear_start(problem: Problem, x: Array) -> Array:
+    """Return a start, ``(free,)``, whose linear parameters are the best for the others, inside their bounds.
 
-    A positive one is given a share of the curve at least: from nothing the solver would not find it again.
+    A positive one carries a part of the curve at least: from nothing the solver would not find it again.
     """
     which = [k for k, p in enumerate(problem.free_parameters) if p.linear]
     if not which:
@@ -208,7 +197,7 @@ def linear_start(problem: Problem, x: NDArray) -> NDArray:
     if not (np.isfinite(columns).all() and np.isfinite(target).all() and np.any(columns, axis=0).all()):
         return x
     size = np.linalg.norm(columns, axis=0)
-    least = SHARE * np.linalg.norm(problem.w * problem.data) / size
+    least = LEAST_PART * np.linalg.norm(problem.w * problem.data) / size
     low, high = (
         np.array([getattr(problem.free_parameters[k], end) for k in which]) for end in ("lower", "upper")
     )
@@ -222,17 +211,14 @@ def linear_start(problem: Problem, x: NDArray) -> NDArray:
     return x
 
 
-def solve(
-    problem: Problem, x: NDArray, *, loss: str = "linear", loss_scale: float = 1.0, limit: int = 400
-) -> Start:
+def solve(problem: Problem, x: Array, *, limit: int = 400, tolerance: float = 1e-12) -> Start:
     """Solve from one scaled start.
 
     Args:
         problem: What is fitted.
-        x: Scaled start.
-        loss: Loss of `scipy.optimize.least_squares`.
-        loss_scale: Residual at which the loss turns from squares.
+        x: Scaled start, ``(free,)``.
         limit: Most evaluations of the model.
+        tolerance: Relative change of cost and parameters at which it ends.
     """
     low, high = problem.bounds
     inside = 1e-9 * (high - low)
@@ -250,10 +236,10 @@ def solve(
                 jac=lambda x: problem.scaled_sensitivity(problem.values(x)),
                 bounds=(low, high),
                 x_scale="jac",
-                loss=loss,
-                f_scale=loss_scale,
-                ftol=1e-12,
-                xtol=1e-12,
+                loss=problem.loss,
+                f_scale=problem.loss_scale,
+                ftol=tolerance,
+                xtol=tolerance,
                 gtol=1e-12,
                 max_nfev=limit,
             )
@@ -268,7 +254,7 @@ def solve(
     )
 
 
-def _snapped(problem: Problem, values: NDArray) -> NDArray:
+def _snapped(problem: Problem, values: Array) -> Array:
     """Return values with those that all but touch a bound put on it, where the curve does not change."""
     moved = values.copy()
     for i, p in zip(problem.free, problem.free_parameters, strict=True):
@@ -281,12 +267,12 @@ def _snapped(problem: Problem, values: NDArray) -> NDArray:
     return moved if change <= 1e-6 * np.abs(problem.w * problem.data).max() else values
 
 
-def _held(problem: Problem, loss: str, loss_scale: float) -> Fit:
+def _held(problem: Problem) -> Fit:
     """Return the fit of a problem in which nothing is free."""
     values = problem.values(np.empty(0))
     cost = float(np.sum(problem.residual(np.empty(0)) ** 2) / 2)
     start = Start(initial=values, values=values, cost=cost, converged=True, evaluations=1)
-    return Fit(problem=problem, values=values, cost=cost, starts=(start,), loss=loss, loss_scale=loss_scale)
+    return Fit(problem=problem, values=values, cost=cost, starts=(start,))
 
 
 def _nothing(problem: Problem) -> float:

@@ -13,17 +13,19 @@ Every function here takes complex numbers too, so that a complex step can check 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from valvefsi.fitting.least_squares import Parameter
+from valvefsi.fitting.problem import Parameter
+from valvefsi.types import Array
 
 DEGREE = np.pi / 180
+STEP = 1e-30
+"""Complex step of derivatives."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,50 +36,50 @@ class PlanarState:
         C11, C22, C12: Right Cauchy-Green tensor, ``(n,)``.
     """
 
-    C11: NDArray
-    C22: NDArray
-    C12: NDArray
+    C11: Array
+    C22: Array
+    C12: Array
 
     @classmethod
-    def of(cls, F: NDArray) -> PlanarState:
+    def of(cls, F: Array) -> PlanarState:
         """Return the state of in-plane deformation gradients, ``(n, 2, 2)``."""
         C = np.einsum("nki,nkj->nij", F, F)
         return cls(C11=C[:, 0, 0], C22=C[:, 1, 1], C12=C[:, 0, 1])
 
     @cached_property
-    def C33(self) -> NDArray:
+    def C33(self) -> Array:
         """Square of the stretch out of the plane, 1/det C."""
         return 1 / (self.C11 * self.C22 - self.C12**2)
 
     @cached_property
-    def I1(self) -> NDArray:
+    def I1(self) -> Array:
         """First invariant."""
         return self.C11 + self.C22 + self.C33
 
     @cached_property
-    def pressure_part(self) -> NDArray:
+    def pressure_part(self) -> Array:
         """C33 C^-1 in the plane, components 11, 22, 12."""
         return self.C33**2 * np.array([self.C22, self.C11, -self.C12])
 
     @cached_property
-    def A(self) -> NDArray:
+    def A(self) -> Array:
         """Direction of the stress of W1, ``(3, n)``."""
         return _IDENTITY[:, None] - self.pressure_part
 
     @cached_property
-    def B(self) -> NDArray:
+    def B(self) -> Array:
         """Direction of the stress of W2, ``(3, n)``."""
         C = np.array([self.C11, self.C22, self.C12])
         return self.I1 * _IDENTITY[:, None] - C - (self.I1 - self.C33) * self.pressure_part
 
-    def along(self, angle: float) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    def along(self, angle: float) -> tuple[Array, Array, Array, Array]:
         """Return I4 and a (x) a of a direction at ``angle`` [deg], and their derivatives by the angle."""
         c, s = np.cos(angle * DEGREE), np.sin(angle * DEGREE)
         M = np.array([c * c, s * s, c * s])
         turned = np.array([-2 * c * s, 2 * c * s, c * c - s * s]) * DEGREE
         return self._double(M), M[:, None], self._double(turned), turned[:, None]
 
-    def _double(self, M: NDArray) -> NDArray:
+    def _double(self, M: Array) -> Array:
         """Return C : M."""
         return self.C11 * M[0] + self.C22 * M[1] + 2 * self.C12 * M[2]
 
@@ -127,27 +129,32 @@ class Extent:
         )
 
 
-class PlanarMaterial(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class PlanarMaterial:
     """A material whose plane stress is known in closed form.
 
     Attributes:
         model: Name of the material in a case file.
-        angle: Angle of its axis [deg], ``None`` to fit it; not used by an isotropic one.
     """
 
-    model: str
+    model: str = ""
 
     def parameters(self, extent: Extent) -> tuple[Parameter, ...]:
         """Return its parameters."""
+        raise NotImplementedError
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return S, components 11, 22, 12, ``(3, n)`` [kPa]."""
+    def stress(self, v: Array, state: PlanarState) -> Array:
+        """Return S, components 11, 22, 12, ``(3, n)`` [kPa], for values ``(parameters,)``."""
+        raise NotImplementedError
 
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return dS/dv, ``(parameters, 3, n)``."""
+    def gradient(self, v: Array, state: PlanarState) -> Array:
+        """Return dS/dv, ``(parameters, 3, n)``, for values ``(parameters,)``; by a complex step if not overridden."""
+        steps = v + STEP * 1j * np.eye(len(v))
+        return np.array([self.stress(along, state).imag for along in steps]) / STEP
 
-    def entries(self, v: Mapping[str, float]) -> dict[str, object]:
+    def entries(self, v: Mapping[str, float]) -> dict[str, Any]:
         """Return the entries of a material table: numbers in kPa, angles [deg], a list of tables for families."""
+        return dict(v)
 
 
 def angle_parameter(angle: float | None, *, low: float = 0.0, high: float = 90.0) -> Parameter:
@@ -158,7 +165,7 @@ def angle_parameter(angle: float | None, *, low: float = 0.0, high: float = 90.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class NeoHookean:
+class NeoHookean(PlanarMaterial):
     """W = c1/2 (I1 - 3) (S21)."""
 
     model: str = "neo_hookean"
@@ -167,51 +174,32 @@ class NeoHookean:
         """Return c1."""
         return (extent.modulus("c1", 1e-2, 10),)
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return S [kPa]."""
+    def stress(self, v: Array, state: PlanarState) -> Array:
+        """Return S, ``(3, n)`` [kPa], for values ``(1,)``."""
         return v[0] * state.A
-
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return dS/dv."""
-        return state.A[None]
-
-    def entries(self, v: Mapping[str, float]) -> dict[str, object]:
-        """Return the entries of a material table."""
-        return dict(v)
 
 
 @dataclass(frozen=True, kw_only=True)
-class MooneyRivlin:
+class MooneyRivlin(PlanarMaterial):
     """W = c1 (I1 - 3) + c2 (I2 - 3) (S23)."""
 
     model: str = "mooney_rivlin"
 
     def parameters(self, extent: Extent) -> tuple[Parameter, ...]:
         """Return c1, c2."""
-        reach = 10 * extent.stress
-        one = Parameter(
-            name="c1", unit="kPa", lower=0.0, upper=1e3 * extent.stress, start=(0, reach), linear=True
+        most, start = 1e3 * extent.stress, (0.0, 10 * extent.stress)
+        return tuple(
+            Parameter(name=name, unit="kPa", lower=0.0, upper=most, start=start, linear=True)
+            for name in ("c1", "c2")
         )
-        two = Parameter(
-            name="c2", unit="kPa", lower=0.0, upper=1e3 * extent.stress, start=(0, reach), linear=True
-        )
-        return one, two
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return S [kPa]."""
+    def stress(self, v: Array, state: PlanarState) -> Array:
+        """Return S, ``(3, n)`` [kPa], for values ``(2,)``."""
         return 2 * v[0] * state.A + 2 * v[1] * state.B
-
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return dS/dv."""
-        return 2 * np.array([state.A, state.B])
-
-    def entries(self, v: Mapping[str, float]) -> dict[str, object]:
-        """Return the entries of a material table."""
-        return dict(v)
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeeSacks:
+class LeeSacks(PlanarMaterial):
     """W = c0/2 (I1 - 3) + c1/2 (exp[c2 (I1 - 3)^2] - 1)."""
 
     model: str = "lee_sacks"
@@ -221,68 +209,52 @@ class LeeSacks:
         moduli = (extent.modulus("c0"), extent.modulus("c1"))
         return (*moduli, extent.exponent("c2", extent.I1**2, extent.I1**2))
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return S [kPa]."""
+    def stress(self, v: Array, state: PlanarState) -> Array:
+        """Return S, ``(3, n)`` [kPa], for values ``(3,)``."""
         X = state.I1 - 3
         return (v[0] + 2 * v[1] * v[2] * X * np.exp(v[2] * X**2)) * state.A
 
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return dS/dv."""
-        X = state.I1 - 3
-        e = 2 * X * np.exp(v[2] * X**2)
-        return np.array([np.ones_like(X), v[2] * e, v[1] * e * (1 + v[2] * X**2)])[:, None] * state.A
-
-    def entries(self, v: Mapping[str, float]) -> dict[str, object]:
-        """Return the entries of a material table."""
-        return dict(v)
-
 
 @dataclass(frozen=True, kw_only=True)
-class MayNewmanYin:
-    """W = c0 (exp[c1 (I1 - 3)^2 + c2 (sqrt(I4) - 1)^4] - 1)."""
+class MayNewmanYin(PlanarMaterial):
+    """W = c0 (exp[c1 (I1 - 3)^2 + c2 (sqrt(I4) - 1)^4] - 1).
+
+    Args:
+        angle: Angle of the fibres to axis 1 [deg], None to fit it.
+    """
 
     model: str = "may_newman_yin"
     angle: float | None = None
 
     def parameters(self, extent: Extent) -> tuple[Parameter, ...]:
         """Return c0, c1, c2, angle."""
-        ends = [(np.sqrt(1 + reach) - 1) ** 4 for reach in extent.I4]
-        exponents = (extent.exponent("c1", extent.I1**2, extent.I1**2), extent.exponent("c2", *ends))
+        small, large = ((np.sqrt(1 + reach) - 1) ** 4 for reach in extent.I4)
+        exponents = (extent.exponent("c1", extent.I1**2, extent.I1**2), extent.exponent("c2", small, large))
         return (extent.modulus("c0"), *exponents, angle_parameter(self.angle))
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return S [kPa]."""
+    def stress(self, v: Array, state: PlanarState) -> Array:
+        """Return S, ``(3, n)`` [kPa], for values ``(4,)``."""
         c0, c1, c2, angle = v
         I4, M, _, _ = state.along(angle)
         X, root = state.I1 - 3, np.sqrt(I4)
         e = 4 * c0 * np.exp(c1 * X**2 + c2 * (root - 1) ** 4)
         return e * (c1 * X * state.A + c2 * (root - 1) ** 3 / root * M)
 
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return dS/dv."""
-        c0, c1, c2, angle = v
-        I4, M, I4_turned, M_turned = state.along(angle)
-        X, root = state.I1 - 3, np.sqrt(I4)
-        Y = root - 1
-        e = 4 * np.exp(c1 * X**2 + c2 * Y**4)
-        fibre = Y**3 / root
-        shape = c1 * X * state.A + c2 * fibre * M
-        slope = 3 * Y**2 / (2 * I4) - Y**3 / (2 * I4 * root)
-        turned = c2 * (slope * I4_turned * M + fibre * M_turned) + 2 * c2 * fibre * I4_turned * shape
-        by_c1, by_c2 = X**2 * shape + X * state.A, Y**4 * shape + fibre * M
-        return np.array([e * shape, c0 * e * by_c1, c0 * e * by_c2, c0 * e * turned])
-
-    def entries(self, v: Mapping[str, float]) -> dict[str, object]:
+    def entries(self, v: Mapping[str, float]) -> dict[str, Any]:
         """Return the entries of a material table."""
         return {name: v[name] for name in ("c0", "c1", "c2")} | {"fibre": v["angle"]}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fung:
+class Fung(PlanarMaterial):
     """W = c/2 (exp Q - 1), Q = a1 E11^2 + a2 E22^2 + 2 a3 E11 E22 + a4 E12^2 in the axes of the tissue.
 
     The form is positive where a3^2 < a1 a2; the ratio r3 = a3/sqrt(a1 a2) is fitted. Data without shear say
     nothing of a4 while the axes are held; it is then that of an isotropic sheet, a1 + a2 - 2 a3.
+
+    Args:
+        angle: Angle of the tissue's first axis to axis 1 [deg], None to fit it.
+        shear: Whether a4 is fitted.
     """
 
     model: str = "fung"
@@ -292,54 +264,26 @@ class Fung:
     def parameters(self, extent: Extent) -> tuple[Parameter, ...]:
         """Return c, a1, a2, r3, angle and, with shear, a4."""
         small, large = (reach**2 / 4 for reach in extent.I4)
-        found = [
-            extent.modulus("c"),
-            extent.exponent("a1", small, large),
-            extent.exponent("a2", small, large),
-        ]
-        found += [
-            Parameter(name="r3", lower=-0.999, upper=0.999, start=(-0.2, 0.9)),
-            angle_parameter(self.angle),
-        ]
-        return (*found, extent.exponent("a4", small, large)) if self.shear else tuple(found)
+        names = ("a1", "a2", "a4") if self.shear else ("a1", "a2")
+        one, two, *four = (extent.exponent(name, small, large) for name in names)
+        ratio = Parameter(name="r3", lower=-0.999, upper=0.999, start=(-0.2, 0.9))
+        return (extent.modulus("c"), one, two, ratio, angle_parameter(self.angle), *four)
 
-    def stress(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return S [kPa]."""
-        return self._all(v, state)[0]
-
-    def gradient(self, v: NDArray, state: PlanarState) -> NDArray:
-        """Return dS/dv."""
-        return self._all(v, state)[1]
-
-    def _all(self, v: NDArray, state: PlanarState) -> tuple[NDArray, NDArray]:
+    def stress(self, v: Array, state: PlanarState) -> Array:
+        """Return S, ``(3, n)`` [kPa], for values ``(5,)`` or, with shear, ``(6,)``."""
         c, a1, a2, r3, angle = v[:5]
-        mean = np.sqrt(a1 * a2)
-        a3, a4 = r3 * mean, (v[5] if self.shear else a1 + a2 - 2 * r3 * mean)
-        E1, E2, E12 = _turned_strain(state, angle)
-        e = np.exp(a1 * E1**2 + a2 * E2**2 + 2 * a3 * E1 * E2 + a4 * E12**2)
-        T = np.array([a1 * E1 + a3 * E2, a2 * E2 + a3 * E1, a4 * E12 / 2])
-        zero = np.zeros_like(E1)
-        parts = {  # dT and dQ by the coefficients of the form
-            "a1": (np.array([E1, zero, zero]), E1**2),
-            "a2": (np.array([zero, E2, zero]), E2**2),
-            "a3": (np.array([E2, E1, zero]), 2 * E1 * E2),
-            "a4": (np.array([zero, zero, E12 / 2]), E12**2),
-        }
-        by = {name: c * e * (dT + dQ * T) for name, (dT, dQ) in parts.items()}
-        if not self.shear:
-            by = {"a1": by["a1"] + by["a4"], "a2": by["a2"] + by["a4"], "a3": by["a3"] - 2 * by["a4"]} | {
-                "a4": by["a4"]
-            }
-        slope1, slope2 = r3 * mean / (2 * a1), r3 * mean / (2 * a2)
-        local = [e * T, by["a1"] + slope1 * by["a3"], by["a2"] + slope2 * by["a3"], mean * by["a3"]]
-        found = [_turned_back(part, angle) for part in local]
-        turned = _turned_back(c * e * _by_angle((a1, a2, a3, a4), (E1, E2, E12), T), angle)
-        found.append((turned + _turned_back_slope(c * e * T, angle)) * DEGREE)
-        if self.shear:
-            found.append(_turned_back(by["a4"], angle))
-        return _turned_back(c * e * T, angle), np.array(found)
+        a3 = r3 * np.sqrt(a1 * a2)
+        a4 = v[5] if self.shear else a1 + a2 - 2 * a3
+        turn = np.array([[np.cos(angle * DEGREE), np.sin(angle * DEGREE)]])
+        turn = np.concatenate([turn, turn[:, ::-1] * [-1, 1]])  # rows: the tissue's axes
+        E = np.array([[state.C11 - 1, state.C12], [state.C12, state.C22 - 1]]) / 2
+        (E1, E12), (_, E2) = np.einsum("ai,ijn,bj->abn", turn, E, turn)
+        e = c * np.exp(a1 * E1**2 + a2 * E2**2 + 2 * a3 * E1 * E2 + a4 * E12**2)
+        T = e * np.array([[a1 * E1 + a3 * E2, a4 * E12 / 2], [a4 * E12 / 2, a2 * E2 + a3 * E1]])
+        S = np.einsum("ai,abn,bj->ijn", turn, T, turn)
+        return np.array([S[0, 0], S[1, 1], S[0, 1]])
 
-    def entries(self, v: Mapping[str, float]) -> dict[str, object]:
+    def entries(self, v: Mapping[str, float]) -> dict[str, Any]:
         """Return the entries of a material table."""
         a3 = v["r3"] * float(np.sqrt(v["a1"] * v["a2"]))
         a4 = v["a4"] if self.shear else v["a1"] + v["a2"] - 2 * a3
@@ -347,40 +291,7 @@ class Fung:
         return {"c": v["c"], "a1": v["a1"], "a2": v["a2"], "a3": a3, "a4": a4} | axes
 
 
-def _turned_strain(state: PlanarState, angle: float) -> tuple[NDArray, NDArray, NDArray]:
-    """Return the Green strain in axes turned by ``angle`` [deg]."""
-    c, s = np.cos(angle * DEGREE), np.sin(angle * DEGREE)
-    E11, E22, E12 = (state.C11 - 1) / 2, (state.C22 - 1) / 2, state.C12 / 2
-    one = c * c * E11 + 2 * c * s * E12 + s * s * E22
-    two = s * s * E11 - 2 * c * s * E12 + c * c * E22
-    return one, two, c * s * (E22 - E11) + (c * c - s * s) * E12
-
-
-def _by_angle(
-    a: tuple[float, float, float, float], E: tuple[NDArray, NDArray, NDArray], T: NDArray
-) -> NDArray:
-    """Return exp(-Q) d (exp(Q) T)/d angle [1/rad] in the turned axes."""
-    a1, a2, a3, a4 = a
-    dE1, dE2, dE12 = 2 * E[2], -2 * E[2], E[1] - E[0]
-    dQ = 2 * (T[0] * dE1 + T[1] * dE2) + 4 * T[2] * dE12
-    return np.array([a1 * dE1 + a3 * dE2, a2 * dE2 + a3 * dE1, a4 * dE12 / 2]) + dQ * T
-
-
-def _turned_back(T: NDArray, angle: float) -> NDArray:
-    """Return components 11, 22, 12 in the axes of the specimen."""
-    c, s = np.cos(angle * DEGREE), np.sin(angle * DEGREE)
-    one, two = c * c * T[0] - 2 * c * s * T[2] + s * s * T[1], s * s * T[0] + 2 * c * s * T[2] + c * c * T[1]
-    return np.array([one, two, c * s * (T[0] - T[1]) + (c * c - s * s) * T[2]])
-
-
-def _turned_back_slope(T: NDArray, angle: float) -> NDArray:
-    """Return the derivative of `_turned_back` by the angle at fixed T [1/rad]."""
-    c, s = np.cos(2 * angle * DEGREE), np.sin(2 * angle * DEGREE)
-    half = s * (T[1] - T[0]) - 2 * c * T[2]
-    return np.array([half, -half, c * (T[0] - T[1]) - 2 * s * T[2]])
-
-
-SIMPLE: dict[str, Callable[..., PlanarMaterial]] = {
+SIMPLE: dict[str, type[PlanarMaterial]] = {
     "neo_hookean": NeoHookean,
     "mooney_rivlin": MooneyRivlin,
     "lee_sacks": LeeSacks,

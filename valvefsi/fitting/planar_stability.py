@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valvefsi.fitting.planar import PlanarMaterial, PlanarState
+from valvefsi.types import Array
+
+Marks = NDArray[np.bool_]
 
 BEYOND = 0.2
 """How far beyond the data it is checked, as a part of their range."""
@@ -49,7 +52,7 @@ class Stability:
         return said
 
 
-def stability(material: PlanarMaterial, values: NDArray, F: NDArray) -> Stability:
+def stability(material: PlanarMaterial, values: Array, F: Array) -> Stability:
     """Check a material over a box of strains that holds the data, and over one 20 % wider.
 
     Args:
@@ -57,7 +60,9 @@ def stability(material: PlanarMaterial, values: NDArray, F: NDArray) -> Stabilit
         values: Its parameters.
         F: Deformations of the data, ``(n, 2, 2)``.
     """
-    convex, elliptic, worst = [], [], None
+    convex: list[float] = []
+    elliptic: list[float] = []
+    worst = None
     for beyond in (0.0, BEYOND):
         state = _states(F, beyond)
         tangent, S = _tangent(material, values, state)
@@ -73,14 +78,14 @@ def stability(material: PlanarMaterial, values: NDArray, F: NDArray) -> Stabilit
             worst = tuple(
                 float(x) for x in ((state.C11[k] - 1) / 2, (state.C22[k] - 1) / 2, state.C12[k] / 2)
             )
-    return Stability(convex=tuple(convex), elliptic=tuple(elliptic), worst=worst)
+    return Stability(convex=(convex[0], convex[1]), elliptic=(elliptic[0], elliptic[1]), worst=worst)
 
 
-def _share(good: NDArray) -> float:
+def _share(good: Marks) -> float:
     return float(np.mean(good)) if len(good) else 1.0
 
 
-def _states(F: NDArray, beyond: float) -> PlanarState:
+def _states(F: Array, beyond: float) -> PlanarState:
     """Return a grid over the box of Green strains that holds the data, widened."""
     state = PlanarState.of(F)
     axes = []
@@ -98,7 +103,7 @@ def _states(F: NDArray, beyond: float) -> PlanarState:
     return PlanarState(C11=C11[real], C22=C22[real], C12=C12[real])
 
 
-def _tangent(material: PlanarMaterial, values: NDArray, state: PlanarState) -> tuple[NDArray, NDArray]:
+def _tangent(material: PlanarMaterial, values: Array, state: PlanarState) -> tuple[Array, Array]:
     """Return dS/dE with engineering shear, ``(n, 3, 3)``, by a complex step, and S, ``(3, n)``."""
     columns = []
     parts = {"C11": state.C11, "C22": state.C22, "C12": state.C12}
@@ -110,13 +115,13 @@ def _tangent(material: PlanarMaterial, values: NDArray, state: PlanarState) -> t
     return (tangent + tangent.transpose(0, 2, 1)) / 2, np.real(material.stress(values, state))
 
 
-def _in_tension(S: NDArray) -> NDArray:
+def _in_tension(S: Array) -> Marks:
     """Return where both principal stresses of the plane are not negative."""
     size = np.abs(S).max(axis=0) + 1e-300
     return (S[0] + S[1] >= -1e-9 * size) & (S[0] * S[1] - S[2] ** 2 >= -1e-9 * size**2)
 
 
-def _least_acoustic(tangent: NDArray, S: NDArray, state: PlanarState) -> NDArray:
+def _least_acoustic(tangent: Array, S: Array, state: PlanarState) -> Array:
     """Return the least eigenvalue of the sheet's acoustic tensor over directions N in its plane.
 
     Q_ik = F_iA (D_ABCD N_B N_D) F_kC + delta_ik N.S N; its congruent C^(1/2) form has the same sign, so U = F.
@@ -133,7 +138,7 @@ def _least_acoustic(tangent: NDArray, S: NDArray, state: PlanarState) -> NDArray
     return least
 
 
-def _root(state: PlanarState) -> NDArray:
+def _root(state: PlanarState) -> Array:
     """Return U = sqrt(C), ``(n, 2, 2)``."""
     C = np.array([[state.C11, state.C12], [state.C12, state.C22]]).transpose(2, 0, 1)
     squares, axes = np.linalg.eigh(C)

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
+from valvefsi.types import Array, Indices
 
+LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
 HUGE = 1e120
 """Residuals are cut here, so that their squares stay finite and the solver can turn back."""
 
@@ -94,18 +95,29 @@ class Problem:
         jacobian: Its derivative, ``(n,)`` to ``(m, n)``; central differences if not given.
         weights: Factor of each residual, ``(m,)``; 1 if not given.
         blocks: Number of the block (protocol, cycle) of each observation, ``(m,)``; one block if not given.
+        series: Number of the series of neighbouring observations that each belongs to, ``(m,)``; one if not given.
         block_names: Name of each block by its number.
         unit: Unit of the observations.
+        loss: Loss of `scipy.optimize.least_squares`; all but ``linear`` count outliers less.
+        loss_scale: Residual at which the loss turns from squares, in the unit of the observations.
     """
 
     parameters: tuple[Parameter, ...]
-    data: NDArray
-    model: Callable[[NDArray], NDArray]
-    jacobian: Callable[[NDArray], NDArray] | None = None
-    weights: NDArray | None = None
-    blocks: NDArray | None = None
+    data: Array
+    model: Callable[[Array], Array]
+    jacobian: Callable[[Array], Array] | None = None
+    weights: Array | None = None
+    blocks: Indices | None = None
+    series: Indices | None = None
     block_names: Mapping[int, str] = field(default_factory=dict)
     unit: str = "-"
+    loss: str = "linear"
+    loss_scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.loss not in LOSSES:
+            message = f"unknown loss, expected one of {', '.join(LOSSES)}"
+            raise CaseError(message, key="loss", value=self.loss)
 
     @cached_property
     def free(self) -> tuple[int, ...]:
@@ -118,52 +130,59 @@ class Problem:
         return tuple(self.parameters[i] for i in self.free)
 
     @cached_property
-    def w(self) -> NDArray:
-        """Factor of each residual."""
+    def names(self) -> tuple[str, ...]:
+        """Names of all parameters."""
+        return tuple(p.name for p in self.parameters)
+
+    @cached_property
+    def w(self) -> Array:
+        """Factor of each residual, ``(m,)``."""
         return np.ones(len(self.data)) if self.weights is None else np.asarray(self.weights, float)
 
     @cached_property
-    def block_of(self) -> NDArray:
-        """Block of each observation."""
+    def block_of(self) -> Indices:
+        """Block of each observation, ``(m,)``."""
         return np.zeros(len(self.data), int) if self.blocks is None else np.asarray(self.blocks, int)
 
     @cached_property
-    def bounds(self) -> NDArray:
+    def bounds(self) -> Array:
         """Bounds of the scaled free parameters, ``(2, free)``."""
         ends = [[p.scaled(p.lower), p.scaled(p.upper)] for p in self.free_parameters]
         return np.array(ends).reshape(-1, 2).T
 
-    def values(self, scaled: NDArray) -> NDArray:
-        """Return the values of all parameters from the scaled free ones."""
-        found = np.array([np.nan if p.value is None else p.value for p in self.parameters])
+    def values(self, scaled: Array) -> Array:
+        """Return the values of all parameters, ``(n,)``, from the scaled free ones, ``(free,)``."""
+        values = np.array([np.nan if p.value is None else p.value for p in self.parameters])
         for i, p, x in zip(self.free, self.free_parameters, scaled, strict=True):
-            found[i] = p.natural(x)
-        return found
+            values[i] = p.natural(x)
+        return values
 
-    def scaled(self, values: NDArray) -> NDArray:
-        """Return the scaled free parameters from the values of all."""
+    def scaled(self, values: Array) -> Array:
+        """Return the scaled free parameters, ``(free,)``, from the values of all, ``(n,)``."""
         return np.array([p.scaled(values[i]) for i, p in zip(self.free, self.free_parameters, strict=True)])
 
-    def residual(self, scaled: NDArray) -> NDArray:
-        """Return weight (model - data)."""
+    def slopes(self, values: Array) -> Array:
+        """Return d value / d scaled of each free parameter, ``(free,)``, at the values of all, ``(n,)``."""
+        return np.array([p.slope(values[i]) for i, p in zip(self.free, self.free_parameters, strict=True)])
+
+    def residual(self, scaled: Array) -> Array:
+        """Return weight (model - data), ``(m,)``, at scaled free parameters, ``(free,)``."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             return np.clip(self.w * (self.model(self.values(scaled)) - self.data), -HUGE, HUGE)
 
-    def sensitivity(self, values: NDArray) -> NDArray:
-        """Return d model / d free parameter in its own unit, ``(m, free)``."""
+    def sensitivity(self, values: Array) -> Array:
+        """Return d model / d free parameter in its own unit, ``(m, free)``, at the values of all, ``(n,)``."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             if self.jacobian is not None:
                 return np.asarray(self.jacobian(values))[:, list(self.free)]
             return self._differences(values)
 
-    def scaled_sensitivity(self, values: NDArray) -> NDArray:
-        """Return d (weight model) / d scaled free parameter, ``(m, free)``."""
-        slopes = [p.slope(values[i]) for i, p in zip(self.free, self.free_parameters, strict=True)]
+    def scaled_sensitivity(self, values: Array) -> Array:
+        """Return d (weight model) / d scaled free parameter, ``(m, free)``, at the values of all, ``(n,)``."""
         with np.errstate(over="ignore", invalid="ignore"):
-            found = self.w[:, None] * self.sensitivity(values) * np.array(slopes)
-            return np.clip(found, -HUGE, HUGE)
+            return np.clip(self.w[:, None] * self.sensitivity(values) * self.slopes(values), -HUGE, HUGE)
 
-    def _differences(self, values: NDArray) -> NDArray:
+    def _differences(self, values: Array) -> Array:
         columns = []
         for i, p in zip(self.free, self.free_parameters, strict=True):
             step = 6e-6 * abs(p.slope(values[i]))
@@ -177,6 +196,6 @@ class Problem:
         parameters = [replace(p, value=value) if p.name == name else p for p in self.parameters]
         return replace(self, parameters=tuple(parameters))
 
-    def weighted(self, weights: NDArray) -> Problem:
-        """Return the same problem with further factors on the residuals."""
+    def weighted(self, weights: Array) -> Problem:
+        """Return the same problem with further factors on the residuals, ``(m,)``."""
         return replace(self, weights=self.w * weights)

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import csv
-import math
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
+from valvefsi.types import Array, Indices
+
+STATISTICS = {
+    *("sd", "std", "stdev", "stddev", "se", "sem", "err", "error", "unc", "uncertainty"),
+    *("var", "variance", "ci", "ci95", "lower", "upper"),
+}
+"""Words that make a column the spread of another: it is passed over."""
+HUGE = 1e100
+"""Size of a number that no record holds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,36 +30,61 @@ class Table:
         path: The file.
         header: Names of the columns.
         rows: Cells of each row.
-        lines: Number of each row's line, from 1.
+        lines: Number of each row's line, from 1, ``(rows,)``.
         header_line: Number of the header's line.
     """
 
     path: Path
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    lines: tuple[int, ...]
+    lines: Indices
     header_line: int
 
-    def numbers(self, header: str) -> NDArray:
-        """Return a column as numbers.
+    def numbers(self, header: str) -> Array:
+        """Return a column as numbers, ``(rows,)``.
 
         Raises:
             CaseError: A cell is empty, not a number, or not finite.
         """
-        at, found = self.header.index(header), []
+        at, values = self.header.index(header), []
         for line, row in zip(self.lines, self.rows, strict=True):
             try:
-                value = float(row[at])
+                values.append(float(row[at]))
             except ValueError:
                 raise self.fault("expected a number", header, line, row[at]) from None
-            if not math.isfinite(value):
+            if not abs(values[-1]) <= HUGE:
                 raise self.fault("expected a finite number", header, line, row[at])
-            found.append(value)
-        return np.array(found)
+        return np.array(values)
 
-    def fault(self, message: str, header: str, line: int, value: object = None) -> CaseError:
-        """Return an error that names file, row and column."""
+    def fault(self, message: str, header: str, line: int | None = None, value: object = None) -> CaseError:
+        """Return an error that names file, row (the header's if not given) and column."""
+        line = self.header_line if line is None else int(line)
         return CaseError(message, file=self.path, key=f"row {line}, column {header}", value=value)
+
+    def unused(self, used: Iterable[str]) -> tuple[str, ...]:
+        """Return one note on the columns that are not among those ``used``, if there are any."""
+        names = set(used)
+        left = [header for header in self.header if header not in names]
+        return (f"{self.path.name}: columns not used: {', '.join(left)}",) if left else ()
+
+    def renamed(self, columns: Mapping[str, str], key: str) -> dict[str, str]:
+        """Return what each header stands for: itself, or the name that ``columns`` gives to it.
+
+        Raises:
+            CaseError: ``columns`` names a header that is not there.
+        """
+        names = {header: header for header in self.header}
+        for name, header in columns.items():
+            if header not in names:
+                message = f"no such column, there are {', '.join(self.header)}"
+                raise CaseError(message, file=self.path, key=f"{key} {name}", value=header)
+            names[header] = name
+        return names
+
+
+def is_statistic(heading: str) -> bool:
+    """Whether a heading says the spread of a quantity, such as ``p_lv_sd`` or ``sd_p_lv``, not the quantity."""
+    return not STATISTICS.isdisjoint(re.split(r"[^a-z0-9]+", heading.lower()))
 
 
 def read_table(path: Path) -> Table:
@@ -66,37 +100,32 @@ def read_table(path: Path) -> Table:
         raise CaseError(f"cannot read this file: {reason}", file=path) from None
     if "\0" in text:
         raise CaseError("cannot read this file: not a text file", file=path)
-    kept = [
-        (number, line)
-        for number, line in enumerate(text.split("\n"), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if len(kept) < 2:
+    lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.split("#")[0].strip()]
+    if len(lines) < 2:
         raise CaseError("expected a header and rows of numbers", file=path)
-    mark = next((m for m in (",", ";", "\t") if m in kept[0][1]), None)
-    rows = [(number, _cells(line, mark, path, number)) for number, line in kept]
-    header = tuple(rows[0][1])
-    for number, row in rows[1:]:
+    mark = next((m for m in (",", ";", "\t") if m in lines[0][1]), None)
+    (first, header), *rows = [(number, _cells(line, mark, path, number)) for number, line in lines]
+    for number, row in rows:
         if len(row) != len(header):
             message = f"expected {len(header)} cells as in the header, found {len(row)}"
             raise CaseError(message, file=path, key=f"row {number}")
     for name in header:
         if header.count(name) > 1:
-            raise CaseError("two columns have this name", file=path, key=f"row {rows[0][0]}, column {name}")
-    body = rows[1:]
+            raise CaseError("two columns have this name", file=path, key=f"row {first}, column {name}")
     return Table(
         path=path,
         header=header,
-        rows=tuple(tuple(row) for _, row in body),
-        lines=tuple(number for number, _ in body),
-        header_line=rows[0][0],
+        rows=tuple(row for _, row in rows),
+        lines=np.array([number for number, _ in rows]),
+        header_line=first,
     )
 
 
-def _cells(line: str, mark: str | None, path: Path, number: int) -> list[str]:
+def _cells(line: str, mark: str | None, path: Path, number: int) -> tuple[str, ...]:
     if mark is None:
-        return line.split()
+        return tuple(line.split())
     try:
-        return [cell.strip() for cell in next(csv.reader([line.rstrip("\r")], delimiter=mark, strict=True))]
+        split = next(csv.reader([line.rstrip("\r")], delimiter=mark, strict=True))
+        return tuple(cell.strip() for cell in split)
     except (csv.Error, StopIteration):
         raise CaseError("cannot split this row into cells", file=path, key=f"row {number}") from None

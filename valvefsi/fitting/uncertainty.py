@@ -8,22 +8,24 @@ error on held-out blocks say more.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from valvefsi.fitting.least_squares import Fit, Problem, solve
+from valvefsi.fitting.least_squares import Fit, Notify, solve
+from valvefsi.fitting.profiles import LEVEL, RESAMPLED, Profile
+from valvefsi.types import Array, Indices
 
-LEVEL = 0.95
 WEAK = 0.5
 """A parameter is weak when its interval reaches further than this part of its value (or of its range)."""
 TRADES = 0.99
 """Two parameters trade against each other when they are correlated more than this."""
 LOST = 1e-7
 """A direction is not in the data when its singular value is below this part of the largest."""
+ALIKE = 2.0
+"""Residuals alike over more observations than this are systematic, not noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,42 +38,21 @@ class Linear:
         std: Standard deviation in the parameter's own unit, ``(free,)``.
         intervals: 95 % intervals in the parameter's own unit, ``(free, 2)``.
         correlation: Correlation matrix, ``(free, free)``.
-        singular_values: Of the scaled Jacobian with columns of unit length, largest first.
-        lost: Directions that the data do not fix, rows of unit length in the scaled parameters.
+        singular_values: Of the scaled Jacobian with columns of unit length, largest first, ``(inside,)``.
+        lost: Directions that the data do not fix, rows of unit length in the scaled parameters, ``(lost, free)``.
         sigma: Standard deviation of the weighted residuals.
         freedom: Observations less free parameters.
     """
 
     names: tuple[str, ...]
-    covariance: NDArray
-    std: NDArray
-    intervals: NDArray
-    correlation: NDArray
-    singular_values: NDArray
-    lost: NDArray
+    covariance: Array
+    std: Array
+    intervals: Array
+    correlation: Array
+    singular_values: Array
+    lost: Array
     sigma: float
     freedom: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class Profile:
-    """Least cost over all other parameters as one of them is moved.
-
-    Attributes:
-        name: The parameter.
-        values: Where it was held, increasing.
-        costs: Least cost there.
-        threshold: Cost at which the interval ends.
-        interval: Ends of the interval; a bound where the threshold was not met before it.
-        open_ends: Whether the lower and the upper end are bounds of the parameter.
-    """
-
-    name: str
-    values: NDArray
-    costs: NDArray
-    threshold: float
-    interval: tuple[float, float]
-    open_ends: tuple[bool, bool]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +84,8 @@ class Bootstrap:
     """
 
     names: tuple[str, ...]
-    draws: NDArray
-    intervals: NDArray
+    draws: Array
+    intervals: Array
     blocks: int
 
 
@@ -119,22 +100,21 @@ def linearised(fit: Fit, level: float = LEVEL) -> Linear:
     count = jacobian.shape[1]
     freedom = max(len(problem.data) - count, 0)
     sigma = float(np.sqrt(2 * fit.half_squares / freedom)) if freedom else np.nan
-    inside = np.array([bound is None for bound in fit.at_bound], dtype=bool)
     size = np.linalg.norm(jacobian, axis=0)
+    inside = np.array([bound is None for bound in fit.at_bound], dtype=bool)
     inside &= size > LOST * size.max(initial=0.0)
-    unit = jacobian[:, inside] / size[inside]
-    _, singular, rows = (
-        np.linalg.svd(unit, full_matrices=False) if inside.any() else (0, np.zeros(0), np.zeros((0, 0)))
-    )
-    found = singular > LOST * singular.max(initial=0.0)
+    singular, rows = np.zeros(0), np.zeros((0, 0))
+    if inside.any():
+        _, singular, rows = np.linalg.svd(jacobian[:, inside] / size[inside], full_matrices=False)
+    seen = singular > LOST * singular.max(initial=0.0)
     covariance = np.full((count, count), np.nan)
-    part = sigma**2 * (rows[found].T / singular[found] ** 2) @ rows[found]
+    part = sigma**2 * (rows[seen].T / singular[seen] ** 2) @ rows[seen]
     part = part / np.outer(size[inside], size[inside])
-    loose = np.abs(rows[~found]).max(axis=0, initial=0.0) > 1e-3
+    loose = np.abs(rows[~seen]).max(axis=0, initial=0.0) > 1e-3
     part[loose, :] = part[:, loose] = np.nan
     covariance[np.ix_(inside, inside)] = part
-    lost = np.zeros((int((~found).sum()), count))
-    lost[:, inside] = rows[~found]
+    lost = np.zeros((int((~seen).sum()), count))
+    lost[:, inside] = rows[~seen]
     deviation = np.sqrt(np.diag(covariance))
     reach = stats.t.ppf((1 + level) / 2, freedom) * deviation if freedom else np.full(count, np.nan)
     with np.errstate(invalid="ignore"):
@@ -142,7 +122,7 @@ def linearised(fit: Fit, level: float = LEVEL) -> Linear:
     return Linear(
         names=tuple(p.name for p in problem.free_parameters),
         covariance=covariance,
-        std=_slopes(fit) * deviation,
+        std=problem.slopes(fit.values) * deviation,
         intervals=_interval(fit, reach),
         correlation=correlation,
         singular_values=singular,
@@ -152,92 +132,109 @@ def linearised(fit: Fit, level: float = LEVEL) -> Linear:
     )
 
 
-def profile(fit: Fit, name: str, *, level: float = LEVEL, most: int = 40) -> Profile:
-    """Return the profile of one free parameter and the interval where it stays below the threshold.
-
-        cost(theta) <= cost (1 + F_{1, m-n}(level) / (m - n))
-
-    Args:
-        fit: The fit.
-        name: A free parameter.
-        level: Confidence level.
-        most: Most steps to either side.
-    """
-    problem = fit.problem
-    at = [p.name for p in problem.free_parameters].index(name)
-    freedom = max(len(problem.data) - len(problem.free), 1)
-    step = _first_step(fit, at, freedom)
-    threshold = fit.cost * (1 + stats.f.ppf(level, 1, freedom) / freedom)
-    centre = float(problem.scaled(fit.values)[at])
-    points, ends, opened = [(centre, fit.cost)], [], []
-    for side, bound in zip((-1, 1), problem.bounds[:, at], strict=True):
-        walked, end, reached = _walk(fit, at, side * step, (bound, threshold, most))
-        points += walked
-        ends.append(end)
-        opened.append(not reached)
-    points.sort()
-    parameter = problem.free_parameters[at]
-    return Profile(
-        name=name,
-        values=np.array([parameter.natural(x) for x, _ in points]),
-        costs=np.array([cost for _, cost in points]),
-        threshold=float(threshold),
-        interval=(parameter.natural(ends[0]), parameter.natural(ends[1])),
-        open_ends=(opened[0], opened[1]),
-    )
-
-
-def profiles(fit: Fit, level: float = LEVEL) -> tuple[Profile, ...]:
-    """Return the profile of every free parameter."""
-    return tuple(profile(fit, p.name, level=level) for p in fit.problem.free_parameters)
-
-
-def verdicts(fit: Fit, linear: Linear, found: tuple[Profile, ...] = ()) -> dict[str, str]:
+def verdicts(
+    fit: Fit, linear: Linear, walked: tuple[Profile, ...] = (), *, doubt: str = ""
+) -> dict[str, str]:
     """Return a plain verdict for each free parameter.
 
     ``identified``; ``weak`` (its interval reaches further than half its value); ``at bound``; ``not identified``
-    with the parameters it trades against.
+    with the parameters it trades against; ``doubtful`` in place of identified where there is a ``doubt``.
     """
-    by_name = {p.name: p for p in found}
+    by_name = {p.name: p for p in walked}
     said = {}
     for k, (parameter, bound) in enumerate(zip(fit.problem.free_parameters, fit.at_bound, strict=True)):
-        against = _partners(linear, k)
-        open_ends = by_name[parameter.name].open_ends if parameter.name in by_name else (False, False)
-        lost = any(abs(direction[k]) > 1e-2 for direction in linear.lost)
-        known = np.isfinite(linear.std[k]) or (parameter.name in by_name and not all(open_ends))
+        own = by_name.get(parameter.name)
+        partners = _partners(linear, k)
+        against = f": trades against {', '.join(partners)}" if partners else ""
+        open_ends = own.open_ends if own else (False, False)
+        fixed = np.isfinite(linear.std[k]) or (own is not None and not all(open_ends))
+        lost = any(abs(direction[k]) > 1e-2 for direction in linear.lost) or not fixed
         value = fit.values[fit.problem.free[k]]
         reference = min(abs(value), parameter.width) if parameter.period is None else parameter.period / 2
-        low, high = by_name[parameter.name].interval if parameter.name in by_name else linear.intervals[k]
+        low, high = own.interval if own else linear.intervals[k]
         wide = not max(high - value, value - low) <= WEAK * max(reference, 1e-300)
         if bound is not None:
             said[parameter.name] = f"at bound ({bound})"
-        elif lost or not known or (all(open_ends) and parameter.period is None):
-            said[parameter.name] = "not identified" + (
-                f": trades against {', '.join(against)}" if against else ""
-            )
+        elif lost or (all(open_ends) and parameter.period is None):
+            said[parameter.name] = f"not identified{against}"
         elif wide or (any(open_ends) and parameter.period is None):
-            said[parameter.name] = "weak" + (f": trades against {', '.join(against)}" if against else "")
+            said[parameter.name] = f"weak{against}"
         else:
-            said[parameter.name] = "identified"
+            said[parameter.name] = f"doubtful: {doubt}" if doubt else "identified"
     return said
 
 
-def bootstrap(fit: Fit, *, draws: int = 100, seed: int = 0, level: float = LEVEL) -> Bootstrap | None:
+def correlation_length(residual: Array, series: Indices | None = None) -> float:
+    """Return over how many observations residuals are alike: 1 + 2 sum rho_k to the first rho_k <= 0.
+
+    Args:
+        residual: Residuals, those of a series one after the other, ``(m,)``.
+        series: Number of the series of each, ``(m,)``; one series if not given.
+    """
+    z = residual - residual.mean()
+    square = float(z @ z)
+    parts = [z] if series is None else [z[series == number] for number in np.unique(series)]
+    total = 1.0
+    if square < 1e-20 * max(len(z), 1):
+        return total
+    for lag in range(1, max(map(len, parts))):
+        rho = sum(float(part[:-lag] @ part[lag:]) for part in parts if len(part) > lag) / square
+        if rho <= 0:
+            break
+        total += 2 * rho
+    return total
+
+
+def widened(fit: Fit, linear: Linear, length: float) -> dict[str, list[float]]:
+    """Return covariance intervals for residuals that are alike over ``length`` observations."""
+    reach = stats.t.ppf(0.975, max(linear.freedom / length, 1.0)) * np.sqrt(length) * linear.std
+    values = [fit.named[name] for name in linear.names]
+    return {name: [v - r, v + r] for name, v, r in zip(linear.names, values, reach, strict=True)}
+
+
+def combined(
+    fit: Fit, functions: Mapping[str, Callable[[Mapping[str, complex]], complex]]
+) -> dict[str, tuple[float, float | None]]:
+    """Return value and standard deviation of combinations of parameters, by the linearised covariance.
+
+    A combination may be well known where its parameters are not: they then trade against one another. The deviation
+    is None where the data do not fix the combination either; one that depends on nothing free is left out.
+    """
+    problem, values = fit.problem, fit.named
+    _, singular, rows = np.linalg.svd(fit.jacobian, full_matrices=False)
+    seen = singular > LOST * singular.max(initial=0.0)
+    sigma = np.sqrt(2 * fit.half_squares / max(len(problem.data) - len(problem.free), 1))
+    entries: dict[str, tuple[float, float | None]] = {}
+    for name, function in functions.items():
+        by = [
+            np.imag(function({**values, p.name: values[p.name] + 1e-30j})) / 1e-30
+            for p in problem.free_parameters
+        ]
+        slopes = np.array(by) * problem.slopes(fit.values)
+        along = rows @ slopes
+        lost = np.linalg.norm(along[~seen]) > 1e-6 * np.linalg.norm(slopes)
+        if np.any(slopes):
+            deviation = None if lost else float(sigma * np.linalg.norm(along[seen] / singular[seen]))
+            entries[name] = (float(np.real(function(values))), deviation)
+    return entries
+
+
+def bootstrap(
+    fit: Fit, *, draws: int = 100, seed: int = 0, level: float = LEVEL, notify: Notify | None = None
+) -> Bootstrap | None:
     """Refit to blocks drawn with replacement, from the values found; None with fewer than three blocks."""
     problem = fit.problem
-    blocks = np.unique(problem.block_of)
+    blocks, place = np.unique(problem.block_of, return_inverse=True)
     if len(blocks) < 3:
         return None
     rng = np.random.default_rng(seed)
-    start = problem.scaled(fit.values)
-    rows = []
-    for _ in range(draws):
-        chosen = rng.choice(blocks, len(blocks))
-        weights = np.sqrt([np.sum(chosen == block) for block in blocks])[
-            np.searchsorted(blocks, problem.block_of)
-        ]
-        done = solve(problem.weighted(weights), start, loss=fit.loss, loss_scale=fit.loss_scale, limit=100)
+    start, rows = problem.scaled(fit.values), []
+    for number in range(draws):
+        counts = np.bincount(rng.choice(len(blocks), len(blocks)), minlength=len(blocks))
+        done = solve(problem.weighted(np.sqrt(counts)[place]), start, limit=100, tolerance=RESAMPLED)
         rows.append(done.values[list(problem.free)])
+        if notify:
+            notify("resampling", number + 1, draws)
     values = np.array(rows)
     tail = 50 * (1 - level)
     return Bootstrap(
@@ -254,14 +251,13 @@ def leave_one_out(fit: Fit) -> tuple[HeldOut, ...]:
     blocks = np.unique(problem.block_of)
     if len(blocks) < 2:
         return ()
-    start = problem.scaled(fit.values)
-    found = []
+    start, entries = problem.scaled(fit.values), []
     for block in blocks:
         out = problem.block_of == block
-        done = solve(problem.weighted((~out).astype(float)), start, loss=fit.loss, loss_scale=fit.loss_scale)
+        done = solve(problem.weighted((~out).astype(float)), start)
         error = (problem.model(done.values) - problem.data)[out]
         size = np.linalg.norm(problem.data[out]) or 1.0
-        found.append(
+        entries.append(
             HeldOut(
                 block=problem.block_names.get(int(block), str(block)),
                 rmse=float(np.sqrt(np.mean(error**2))),
@@ -269,30 +265,30 @@ def leave_one_out(fit: Fit) -> tuple[HeldOut, ...]:
                 fitted_relative_l2=float(np.linalg.norm(fit.residual[out]) / size),
             )
         )
-    return tuple(found)
+    return tuple(entries)
 
 
 def band(
-    fit: Fit, linear: Linear, model_jacobian: Callable[[NDArray], NDArray] | None = None, level: float = LEVEL
-) -> NDArray:
-    """Return half the width of the confidence band of the curve.
+    fit: Fit, linear: Linear, model_jacobian: Callable[[Array], Array] | None = None, level: float = LEVEL
+) -> Array:
+    """Return half the width of the confidence band of the curve, ``(m,)``.
 
         t sqrt(diag(J cov J^T))
 
     Args:
         fit: The fit.
         linear: Its linearised uncertainty.
-        model_jacobian: Derivative of another curve by all parameters; of the fitted one if not given.
+        model_jacobian: Derivative of another curve by all parameters, ``(n,)`` to ``(m, n)``; of the fitted one if
+            not given.
         level: Confidence level.
     """
-    free = list(fit.problem.free)
     if model_jacobian is None:
         sensitivity = fit.problem.sensitivity(fit.values)
     else:
-        sensitivity = np.asarray(model_jacobian(fit.values))[:, free]
+        sensitivity = np.asarray(model_jacobian(fit.values))[:, list(fit.problem.free)]
     if not linear.freedom:
         return np.full(len(sensitivity), np.nan)
-    scaled = sensitivity * _slopes(fit)
+    scaled = sensitivity * fit.problem.slopes(fit.values)
     variance = np.einsum("ij,jk,ik->i", scaled, np.nan_to_num(linear.covariance), scaled)
     return stats.t.ppf((1 + level) / 2, linear.freedom) * np.sqrt(np.maximum(variance, 0.0))
 
@@ -305,113 +301,21 @@ def information(fit: Fit) -> dict[str, float]:
     return {"aicc": float(size + 2 * n + correction), "bic": float(size + n * np.log(m))}
 
 
-def _slopes(fit: Fit) -> NDArray:
-    """Return d value / d scaled for each free parameter."""
+def _interval(fit: Fit, reach: Array) -> Array:
+    """Return the intervals in the parameters' own units, inside their bounds, ``(free, 2)``."""
     problem = fit.problem
-    return np.array(
-        [p.slope(fit.values[i]) for i, p in zip(problem.free, problem.free_parameters, strict=True)]
-    )
-
-
-def _interval(fit: Fit, reach: NDArray) -> NDArray:
-    """Return the intervals in the parameters' own units, inside their bounds."""
-    problem = fit.problem
-    x = problem.scaled(fit.values)
     ends = [
-        [p.natural(a - r), p.natural(a + r)] if np.isfinite(r) else [np.nan, np.nan]
-        for p, a, r in zip(problem.free_parameters, x, reach, strict=True)
+        [p.natural(x - r), p.natural(x + r)] if np.isfinite(r) else [np.nan, np.nan]
+        for p, x, r in zip(problem.free_parameters, problem.scaled(fit.values), reach, strict=True)
     ]
     return np.array(ends).reshape(-1, 2)
 
 
 def _partners(linear: Linear, k: int) -> list[str]:
     """Return the names of the parameters that parameter ``k`` trades against."""
-    names = [
-        name
-        for j, name in enumerate(linear.names)
-        if j != k and np.isfinite(linear.correlation[k, j]) and abs(linear.correlation[k, j]) > TRADES
-    ]
+    with np.errstate(invalid="ignore"):
+        trades = np.abs(linear.correlation[k]) > TRADES
     for direction in linear.lost:
         if abs(direction[k]) > 1e-2:
-            names += [n for j, n in enumerate(linear.names) if j != k and abs(direction[j]) > 1e-2]
-    return list(dict.fromkeys(names))
-
-
-def _first_step(fit: Fit, at: int, freedom: int) -> float:
-    """Return a first step of a profile: what the Jacobian says the deviation is, within reason."""
-    parameter = fit.problem.free_parameters[at]
-    span = parameter.scaled(parameter.range[1]) - parameter.scaled(parameter.range[0])
-    sigma = np.sqrt(2 * fit.half_squares / freedom)
-    _, singular, rows = np.linalg.svd(fit.jacobian, full_matrices=False)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        deviation = sigma * np.sqrt(np.sum((rows[:, at] / singular) ** 2))
-    if not np.isfinite(deviation) or deviation == 0:
-        return span / 20
-    return float(np.clip(0.7 * deviation, 1e-7 * span, span / 20))
-
-
-def _walk(
-    fit: Fit, at: int, step: float, limits: tuple[float, float, int]
-) -> tuple[list[tuple[float, float]], float, bool]:
-    """Move one parameter away until the least cost passes the threshold.
-
-    Returns:
-        The points ``(scaled value, cost)``, the end of the interval, and whether the threshold was passed.
-    """
-    bound, threshold, most = limits
-    x, values = float(fit.problem.scaled(fit.values)[at]), fit.values
-    last = (x, fit.cost)
-    points: list[tuple[float, float]] = []
-    for _ in range(most):
-        at_end = (x + step - bound) * np.sign(step) >= 0
-        x = bound if at_end else x + step
-        cost, values = _least(fit, at, x, values)
-        points.append((x, cost))
-        if cost > threshold:
-            tried = _crossing(fit, at, (last, (x, cost)), (threshold, values))
-            return points + tried, tried[-1][0], True
-        if at_end:
-            break
-        if cost - last[1] < 0.15 * (threshold - fit.cost):
-            step *= 1.8
-        last = (x, cost)
-    return points, bound, False
-
-
-def _crossing(
-    fit: Fit, at: int, ends: tuple[tuple[float, float], tuple[float, float]], limits: tuple[float, NDArray]
-) -> list[tuple[float, float]]:
-    """Return the points tried on the way to the threshold: secant and bisection in turn on the root of its growth."""
-    threshold, values = limits
-    (a, low), (b, high) = ends
-    aim = np.sqrt(max(threshold - fit.cost, 0.0))
-    tried: list[tuple[float, float]] = []
-    for turn in range(40):
-        f, g = (np.sqrt(max(cost - fit.cost, 0.0)) - aim for cost in (low, high))
-        x = a - f * (b - a) / (g - f) if turn % 2 == 0 and g > f and np.isfinite(g) else (a + b) / 2
-        cost, values = _least(fit, at, x, values)
-        tried.append((x, cost))
-        if abs(np.sqrt(max(cost - fit.cost, 0.0)) - aim) < 1e-3 * aim:
-            break
-        (a, low), (b, high) = ((x, cost), (b, high)) if cost <= threshold else ((a, low), (x, cost))
-    return tried
-
-
-def _least(fit: Fit, at: int, x: float, values: NDArray) -> tuple[float, NDArray]:
-    """Return the least cost with one scaled parameter held, and the values there."""
-    problem = fit.problem
-    parameter = problem.free_parameters[at]
-    held = _hold(problem, at, parameter.natural(x))
-    if not held.free:
-        values = held.values(np.empty(0))
-        return float(np.sum(held.residual(np.empty(0)) ** 2) / 2), values
-    done = solve(held, held.scaled(values), loss=fit.loss, loss_scale=fit.loss_scale, limit=60)
-    return done.cost, done.values
-
-
-def _hold(problem: Problem, at: int, value: float) -> Problem:
-    """Return the problem with its free parameter number ``at`` held."""
-    index = problem.free[at]
-    parameters = list(problem.parameters)
-    parameters[index] = replace(parameters[index], value=value)
-    return replace(problem, parameters=tuple(parameters))
+            trades |= np.abs(direction) > 1e-2
+    return [name for j, name in enumerate(linear.names) if j != k and trades[j]]

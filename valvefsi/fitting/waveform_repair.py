@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_smoothing_spline
 
 from valvefsi.errors import CaseError
 from valvefsi.fitting.waveforms import FEWEST, Waveforms
+from valvefsi.types import Array, Indices
 
 REACH = 4
 """Samples to either side that a sample is compared with."""
@@ -94,7 +94,7 @@ def find_outliers(waves: Waveforms, quantities: Iterable[str] | None = None) -> 
 def repair(waves: Waveforms, outliers: Iterable[Outlier]) -> Waveforms:
     """Return the record with outliers replaced: the point of a decimal slip moved, a spike interpolated."""
     outliers = tuple(outliers)
-    changed: dict[str, NDArray] = {}
+    changed: dict[str, Array] = {}
     for outlier in outliers:
         y = changed.setdefault(outlier.quantity, waves[outlier.quantity].copy())
         y[outlier.sample] = outlier.instead * waves.unit_scale(outlier.quantity)
@@ -102,7 +102,7 @@ def repair(waves: Waveforms, outliers: Iterable[Outlier]) -> Waveforms:
     return waves.with_values(changed, f"outliers replaced in rows {rows}") if outliers else waves
 
 
-def find_period(t: NDArray, y: NDArray) -> float | None:
+def find_period(t: Array, y: Array) -> float | None:
     """Return the period of a record of more than one and a half cycles; None where nothing repeats [s].
 
     The lag of the first high peak of the autocorrelation, by a parabola through its top.
@@ -178,7 +178,7 @@ def smooth(waves: Waveforms, quantities: Iterable[str], cutoff: float) -> Wavefo
     return waves.with_values(changed, note)
 
 
-def _far(y: NDArray) -> tuple[NDArray, NDArray]:
+def _far(y: Array) -> tuple[Indices, Array]:
     """Return the samples far from their neighbours, and the median of the neighbours of each sample."""
     n = len(y)
     if n < 2 * REACH + 1:
@@ -205,7 +205,7 @@ def _slip(value: float, middle: float) -> int:
     return power if power and abs(value / 10.0**power - middle) <= SLIP * abs(middle) else 0
 
 
-def _alike(a: NDArray, b: NDArray) -> float:
+def _alike(a: Array, b: Array) -> float:
     """Return the correlation of two parts of a record."""
     size = np.sqrt((a @ a) * (b @ b))
     return float(a @ b / size) if size > 0 else 0.0

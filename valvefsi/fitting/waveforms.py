@@ -2,25 +2,25 @@
 
 A heading is a quantity and a unit: ``t_s``, ``p_ao_mmHg``, ``q_ao_ml_s``, ``Q_Ao [L/min]``, ``P_LV (kPa)``. The first
 letter says the kind: t(ime), p(ressure), q (flow), v(olume). Inside everything is CGS. Every complaint names file,
-row and column; a row is counted as an editor counts lines.
+row and column; a row is counted as an editor counts lines. Columns of other things are passed over, and so are those
+of a standard deviation (``p_lv_sd``, ``sd_p_lv_mmHg``).
 """
 
 from __future__ import annotations
 
-import csv
 import difflib
-import hashlib
-import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
-from valvefsi.units import KILOPASCAL, LITRE_PER_MINUTE, MILLILITRE, MMHG, PASCAL
+from valvefsi.fitting.record_table import Table, is_statistic, read_table
+from valvefsi.fitting.report import sha256
+from valvefsi.types import Array, Indices
+from valvefsi.units import KILOPASCAL, LITRE_PER_MINUTE, MILLILITRE, MMHG, PASCAL, PLAUSIBLE
 
 UNITS: dict[str, dict[str, float]] = {
     "t": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0},
@@ -67,21 +67,24 @@ class Waveforms:
         headings: Heading of each quantity in the file.
         rows: Line of each sample in the file, ``(n,)``.
         file: The file; None for a record made in memory.
-        sha256: Hash of the file.
         notes: What was done to the record.
     """
 
-    t: NDArray
-    values: Mapping[str, NDArray]
+    t: Array
+    values: Mapping[str, Array]
     units: Mapping[str, str] = field(default_factory=dict)
     headings: Mapping[str, str] = field(default_factory=dict)
-    rows: NDArray | None = None
+    rows: Indices | None = None
     file: Path | None = None
-    sha256: str = ""
     notes: tuple[str, ...] = ()
 
-    def __getitem__(self, quantity: str) -> NDArray:
+    def __getitem__(self, quantity: str) -> Array:
         return self.values[quantity]
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """Name and hash of the file; nothing for a record made in memory."""
+        return {"data": self.file.name, "sha256": sha256(self.file)} if self.file else {}
 
     @property
     def span(self) -> float:
@@ -114,8 +117,8 @@ class Waveforms:
                 file=self.file,
             )
 
-    def with_values(self, changed: Mapping[str, NDArray], note: str = "") -> Waveforms:
-        """Return the record with some quantities replaced."""
+    def with_values(self, changed: Mapping[str, Array], note: str = "") -> Waveforms:
+        """Return the record with some quantities replaced, each ``(n,)``, CGS."""
         notes = (*self.notes, note) if note else self.notes
         return replace(self, values={**self.values, **changed}, notes=notes)
 
@@ -136,8 +139,8 @@ class Waveforms:
             {q: -self[q] for q in names}, f"positive direction turned round: {', '.join(names)}"
         )
 
-    def picked(self, samples: NDArray) -> Waveforms:
-        """Return the record at some of its samples, by number or by a mask."""
+    def picked(self, samples: Indices) -> Waveforms:
+        """Return the record at some of its samples, by number, ``(k,)``."""
         values = {name: array[samples] for name, array in self.values.items()}
         return replace(
             self, t=self.t[samples], values=values, rows=None if self.rows is None else self.rows[samples]
@@ -149,7 +152,7 @@ def parse_heading(heading: str) -> tuple[str, str] | None:
     flat = re.sub("[^a-z0-9]+", "_", heading.strip().lower()).strip("_")
     flat = re.sub("^time(?=_|$)", "t", flat)
     kind = flat[:1]
-    if not re.match("(t|p_[a-z0-9]+|q_[a-z0-9]+|v_[a-z0-9]+)(_|$)", flat):
+    if is_statistic(heading) or not re.match("(t|p_[a-z0-9]+|q_[a-z0-9]+|v_[a-z0-9]+)(_|$)", flat):
         return None
     for short in sorted(FLAT[kind], key=len, reverse=True):
         name = flat.removesuffix(f"_{short}")
@@ -174,39 +177,27 @@ def read_waveforms(
     Raises:
         CaseError: The file, a heading or a cell cannot be used; says which, in file, row and column.
     """
-    path = Path(path)
-    text, digest = _text(path)
-    lines = [
-        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")
-    ]
-    if not lines:
-        raise CaseError("the file is empty", file=path)
-    cells = _cells(lines, path)
-    (first, headings), body = cells[0], cells[1:]
-    found = _assign(path, first, headings, dict(columns or {}))
-    if "t" not in found:
-        raise CaseError(f"no column of times, such as t_s; columns: {', '.join(headings)}", file=path)
-    if len(found) < 2:
-        message = f"no pressure or flow with a unit in its heading, such as p_ao_mmHg; columns: {', '.join(headings)}"
-        raise CaseError(message, file=path)
-    if len(body) < FEWEST:
-        raise CaseError(f"{len(body)} samples, expected {FEWEST} or more", file=path)
-    arrays = {
-        name: np.array([_number(path, row, headings, cells, at) for row, cells in body])
-        * UNITS[name[0]][unit]
-        for name, (at, unit) in found.items()
-    }
-    rows = np.array([row for row, _ in body])
+    table = read_table(Path(path))
+    read = _assign(table, dict(columns or {}))
+    missing = [] if "t" in read else ["no column of times, such as t_s"]
+    if not read.keys() - {"t"}:
+        missing.append("no pressure or flow with a unit in its heading, such as p_ao_mmHg")
+    if missing:
+        message = f"{'; '.join(missing)}; columns: {', '.join(table.header)}"
+        raise CaseError(message, file=table.path)
+    if len(table.rows) < FEWEST:
+        raise CaseError(f"{len(table.rows)} samples, expected {FEWEST} or more", file=table.path)
+    arrays = {name: _numbers(table, name, *place) for name, place in read.items()}
     t = arrays.pop("t")
-    _check_times(t, path, rows, headings[found["t"][0]], gaps)
+    _check_times(t, table, read["t"][0], gaps)
     return Waveforms(
         t=t,
         values=arrays,
-        units={name: unit for name, (_, unit) in found.items()},
-        headings={name: headings[at] for name, (at, _) in found.items()},
-        rows=rows,
-        file=path,
-        sha256=digest,
+        units={name: unit for name, (_, unit) in read.items()},
+        headings={name: heading for name, (heading, _) in read.items()},
+        rows=table.lines,
+        file=table.path,
+        notes=table.unused(heading for heading, _ in read.values()),
     )
 
 
@@ -223,115 +214,82 @@ def write_waveforms(waves: Waveforms, path: Path, header: Iterable[str] = ()) ->
     return path
 
 
-def _text(path: Path) -> tuple[str, str]:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise CaseError(f"cannot be read ({error.strerror})", file=path) from None
-    try:
-        return data.decode("utf-8-sig"), hashlib.sha256(data).hexdigest()
-    except UnicodeDecodeError:
-        raise CaseError("is not a text file in UTF-8", file=path) from None
+def _numbers(table: Table, name: str, heading: str, unit: str) -> Array:
+    """Return a column in CGS; refuse what no flow loop has."""
+    scale = UNITS[name[0]][unit]
+    values = table.numbers(heading) * scale
+    beyond = np.flatnonzero(np.abs(values) > PLAUSIBLE[name[0]])
+    if len(beyond):
+        most = f"{PLAUSIBLE[name[0]] / scale:.3g} {unit}"
+        message = f"no flow loop has this {KINDS[name[0]]}, at most {most} is plausible"
+        raise table.fault(message, heading, table.lines[beyond[0]], float(values[beyond[0]] / scale))
+    return values
 
 
-def _cells(lines: list[tuple[int, str]], path: Path) -> list[tuple[int, list[str]]]:
-    """Split lines into cells; all must have as many as the heading line."""
-    parting = max(",;\t", key=lambda mark: lines[0][1].count(mark))
-    try:
-        split = csv.reader([line for _, line in lines], delimiter=parting, strict=True)
-        cells = [
-            (row, [cell.strip() for cell in found]) for (row, _), found in zip(lines, split, strict=True)
-        ]
-    except (csv.Error, ValueError):
-        raise CaseError("is not a table: a quoted cell does not end on its line", file=path) from None
-    for row, found in cells[1:]:
-        if len(found) != len(cells[0][1]):
-            message = f"expected {len(cells[0][1])} cells as in the heading line, found {len(found)}"
-            raise CaseError(message, file=path, key=f"row {row}")
-    return cells
-
-
-def _assign(path: Path, row: int, headings: list[str], columns: dict[str, str]) -> dict[str, tuple[int, str]]:
-    """Return the column number and the unit of each quantity."""
-    found: dict[str, tuple[int, str]] = {}
-    mapped = {name: _mapped(path, headings, name, given) for name, given in columns.items()}
-    taken = {at for at, _ in mapped.values()}
-    for at, heading in enumerate(headings):
-        known = None if at in taken else parse_heading(heading)
-        if known is None:
-            if at not in taken:
-                _complain_about_unit(path, row, heading)
+def _assign(table: Table, columns: dict[str, str]) -> dict[str, tuple[str, str]]:
+    """Return heading and unit of each quantity."""
+    read: dict[str, tuple[str, str]] = {}
+    pointed = {name: _pointed(table, name, text) for name, text in columns.items()}
+    taken = {heading for heading, _ in pointed.values()}
+    for heading in table.header:
+        if heading in taken:
             continue
-        name, unit = known
-        if name in found or name in mapped:
-            other = headings[(found.get(name) or mapped[name])[0]]
-            raise CaseError(
-                f"is there twice, as {other} and {heading}", file=path, key=f"row {row}, column {name}"
-            )
-        found[name] = (at, unit)
-    return {**found, **mapped}
+        parsed = parse_heading(heading)
+        if parsed is None:
+            _complain_about_unit(table, heading)
+            continue
+        name, unit = parsed
+        if name in read or name in pointed:
+            other = (read.get(name) or pointed[name])[0]
+            raise table.fault(f"is there twice, as {other} and {heading}", name)
+        read[name] = (heading, unit)
+    return {**read, **pointed}
 
 
-def _mapped(path: Path, headings: list[str], name: str, given: str) -> tuple[int, str]:
-    """Return column number and unit of a quantity that the user pointed out."""
+def _pointed(table: Table, name: str, text: str) -> tuple[str, str]:
+    """Return heading and unit of a quantity that the user pointed out."""
     if not re.fullmatch("t|[pqv]_[a-z0-9]+", name):
         raise CaseError("expected a quantity such as t, p_ao or q_lv", key="columns", value=name)
-    heading, unit = given, None
-    if given not in headings and ":" in given:
-        heading, unit = given.rsplit(":", 1)
-    if headings.count(heading) != 1:
-        near = difflib.get_close_matches(heading, headings, n=1)
-        hint = f", did you mean {near[0]}?" if near and near[0] != heading else ""
-        many = "is there twice" if heading in headings else f"no such column{hint}"
-        raise CaseError(many, file=path, key=f"column {heading}")
-    if unit is None:
-        known = parse_heading(heading)
-        if known is None or known[0][0] != name[0]:
+    heading, unit = text, ""
+    if text not in table.header and ":" in text:
+        heading, unit = text.rsplit(":", 1)
+    if heading not in table.header:
+        near = difflib.get_close_matches(heading, table.header, n=1)
+        hint = f", did you mean {near[0]}?" if near else ""
+        raise CaseError(f"no such column{hint}", file=table.path, key=f"column {heading}")
+    if not unit:
+        parsed = parse_heading(heading)
+        if parsed is None or parsed[0][0] != name[0]:
             message = f"its heading has no unit of {KINDS[name[0]]}: give {name}={heading}:UNIT"
-            raise CaseError(message, file=path, key=f"column {heading}")
-        return headings.index(heading), known[1]
+            raise CaseError(message, file=table.path, key=f"column {heading}")
+        return heading, parsed[1]
     flat = re.sub("[^a-z0-9]+", "_", unit.lower())
     if flat not in FLAT[name[0]]:
-        raise CaseError(_unknown(unit, name[0]), file=path, key=f"column {heading}")
-    return headings.index(heading), FLAT[name[0]][flat]
+        raise CaseError(_unknown(unit, name[0]), file=table.path, key=f"column {heading}")
+    return heading, FLAT[name[0]][flat]
 
 
-def _complain_about_unit(path: Path, row: int, heading: str) -> None:
+def _complain_about_unit(table: Table, heading: str) -> None:
     """Refuse a heading that is plainly a pressure or a flow, but has no unit that is known."""
     match = re.match(r"\s*([tpq])(?:ime)?(?:_([a-z0-9]+))?(?:[_ \[(]+([^\])]*))?[\])]?\s*$", heading, re.I)
-    if match is None or (match[1].lower() != "t" and match[2] is None):
+    if match is None or is_statistic(heading) or (match[1].lower() != "t" and match[2] is None):
         return
     unit = match[3] if match[1].lower() != "t" else (match[3] or match[2])
-    said = _unknown(unit, match[1].lower()) if unit else _unknown("", match[1].lower())
-    raise CaseError(said, file=path, key=f"row {row}, column {heading}")
+    raise table.fault(_unknown(unit or "", match[1].lower()), heading)
 
 
 def _unknown(unit: str, kind: str) -> str:
-    known = ", ".join(UNITS[kind])
     start = f"unknown unit {unit!r}" if unit else "no unit in the heading"
-    return f"{start}, expected one of {KINDS[kind]}: {known}"
+    return f"{start}, expected one of {KINDS[kind]}: {', '.join(UNITS[kind])}"
 
 
-def _number(path: Path, row: int, headings: list[str], cells: list[str], at: int) -> float:
-    try:
-        value = float(cells[at])
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value) or abs(value) > 1e100:
-        found = cells[at] or "nothing"
-        raise CaseError(
-            f"expected a number, found {found[:40]}", file=path, key=f"row {row}, column {headings[at]}"
-        )
-    return value
-
-
-def _check_times(t: NDArray, path: Path, rows: NDArray, heading: str, gaps: bool) -> None:
+def _check_times(t: Array, table: Table, heading: str, gaps: bool) -> None:
     """Refuse times that do not increase, and gaps."""
     step = np.diff(t)
     if not step.min() > 0:
         at = int(np.argmax(step <= 0)) + 1
         message = f"time does not increase: {t[at]:.7g} s after {t[at - 1]:.7g} s"
-        raise CaseError(message, file=path, key=f"row {rows[at]}, column {heading}")
+        raise table.fault(message, heading, table.lines[at])
     usual = float(np.median(step))
     if not gaps and step.max() > GAP * usual:
         at = int(np.argmax(step))
@@ -339,4 +297,4 @@ def _check_times(t: NDArray, path: Path, rows: NDArray, heading: str, gaps: bool
             f"gap of {step[at]:.4g} s after {t[at]:.7g} s (median interval {usual:.4g} s); "
             "accept it with --gaps, the record is then linear across it"
         )
-        raise CaseError(message, file=path, key=f"row {rows[at + 1]}, column {heading}")
+        raise table.fault(message, heading, table.lines[at + 1])

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valvefsi.circulation.pump import PumpPressure, UpstreamPorcine, pump_pressure
 from valvefsi.errors import CaseError
-from valvefsi.fitting.report import number, sha256, versions
+from valvefsi.fitting.report import measures, number, provenance, write_json
 from valvefsi.fitting.waveform_repair import smooth
 from valvefsi.fitting.waveforms import Waveforms, write_waveforms
-from valvefsi.fitting.windkessel import norms_over_time
-from valvefsi.fitting.windkessel_files import circuit_text, draw_pump
+from valvefsi.fitting.windkessel import circuit_text
 from valvefsi.fitting.windkessel_models import SIZES, find_circuit
+from valvefsi.fitting.windkessel_pictures import draw_pump
+from valvefsi.types import Array
 from valvefsi.units import MMHG
 
 CIRCUIT = "upstream-porcine"
@@ -44,7 +44,7 @@ class PumpReport:
     measured: Waveforms
     used: Waveforms
     pump: PumpPressure
-    back: NDArray
+    back: Array
     notes: tuple[str, ...]
 
     @property
@@ -55,7 +55,7 @@ class PumpReport:
     @property
     def misfit(self) -> dict[str, float]:
         """Normalised norms of the forward run against the measured record (S24)."""
-        return norms_over_time(self.measured.t, self.back, self.measured["p_lv"])
+        return measures(self.measured["p_lv"], self.back, self.measured.t)
 
     def summary(self) -> str:
         """Return what was found as text."""
@@ -71,10 +71,9 @@ class PumpReport:
             ]
         )
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """Return what ``fit.json`` holds."""
-        units = {name: unit for name, (unit, _) in find_circuit(CIRCUIT).parameters.items()}
-        file = self.measured.file
+        units, file = find_circuit(CIRCUIT).parameters, self.measured.file
         held = {"std": None, "ci95": None, "verdict": "held"}
         return {
             "kind": "windkessel",
@@ -86,9 +85,8 @@ class PumpReport:
             "roundtrip_mmHg": self.roundtrip,
             "norms_over_time": self.misfit,
             "n_points": len(self.pump.t),
-            "notes": list(self.notes),
-            "data": [{"file": file.name, "sha256": sha256(file)}] if file else [],
-            "versions": versions(),
+            "notes": self.notes,
+            **provenance([file] if file else []),
         }
 
     def write(self, out: Path) -> Path:
@@ -100,12 +98,10 @@ class PumpReport:
         write_waveforms(record, out / "pump.csv", header)
         start = {"p_via": float(self.pump.p_via[0] / MMHG)} if self.circuit.C_VIA else {}
         about = {"derived": "p_pump, see pump.csv", "roundtrip_mmHg": self.roundtrip}
-        text = circuit_text(CIRCUIT, self.parameters, start, {**_origin(self.measured), **about})
+        text = circuit_text(CIRCUIT, self.parameters, start, {**self.measured.origin, **about})
         (out / "circuit.toml").write_text(text + '\n[pump]\nfile = "pump.csv"\n', encoding="utf-8")
         draw_pump(self, out)
-        path = out / "fit.json"
-        path.write_text(json.dumps(self.as_dict(), indent=2) + "\n", encoding="utf-8")
-        return path
+        return write_json(out / "fit.json", self.as_dict())
 
 
 def derive_pump(waves: Waveforms, values: Mapping[str, float], *, cutoff: float = 0.0) -> PumpReport:
@@ -122,10 +118,8 @@ def derive_pump(waves: Waveforms, values: Mapping[str, float], *, cutoff: float 
     waves.require(["q_lv", "p_lv"], f"circuit {CIRCUIT} without p_pump")
     model = find_circuit(CIRCUIT)
     for name in values:
-        if name not in model.parameters:
-            raise CaseError(
-                f"no such parameter, expected {', '.join(model.parameters)}", key="fix", value=name
-            )
+        if name not in model.starts:
+            raise CaseError(f"no such parameter, expected {', '.join(model.starts)}", key="fix", value=name)
     missing = [name for name in model.parameters if name not in values]
     if missing:
         raise CaseError(
@@ -135,7 +129,7 @@ def derive_pump(waves: Waveforms, values: Mapping[str, float], *, cutoff: float 
         )
     try:
         circuit = UpstreamPorcine(
-            **{name: values[name] * SIZES[unit] for name, (unit, _) in model.parameters.items()}
+            **{name: values[name] * SIZES[unit] for name, unit in model.parameters.items()}
         )
     except ValueError as error:
         raise CaseError(str(error), key="fix") from None
@@ -155,7 +149,7 @@ def derive_pump(waves: Waveforms, values: Mapping[str, float], *, cutoff: float 
     )
 
 
-def _roughness(p: NDArray, cutoff: float) -> str:
+def _roughness(p: Array, cutoff: float) -> str:
     """Return a warning where the curve is mostly noise."""
     swing = np.ptp(p)
     jag = float(np.sqrt(np.mean(np.diff(p, 2) ** 2)) / swing) if swing > 0 else 0.0
@@ -165,9 +159,5 @@ def _roughness(p: NDArray, cutoff: float) -> str:
     return f"P_pump is jagged (second differences {100 * jag:.0f} % of its swing): try --smooth SECONDS, {more} cut-off"
 
 
-def _mean(t: NDArray, y: NDArray) -> float:
+def _mean(t: Array, y: Array) -> float:
     return float(np.trapezoid(y, t) / (t[-1] - t[0]))
-
-
-def _origin(waves: Waveforms) -> dict[str, str]:
-    return {"data": waves.file.name, "sha256": waves.sha256} if waves.file else {}

@@ -22,7 +22,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array, Faces
+
 BLOCK = 2048
 """Entries in a block of upwind fluxes: its scratch and what it reads of q fit the second cache."""
 SHORT = 512
@@ -35,7 +36,15 @@ inlined = numba.njit(cache=True, forceinline=True, fastmath={"contract", "nsz"},
 
 
 @kernel
-def centred(out: Array, q: Array, u: tuple, d: int, inv_h: tuple, strides: tuple, bounds: tuple) -> None:
+def centred(
+    out: Array,
+    q: Array,
+    u: Faces,
+    d: int,
+    inv_h: tuple[float, ...],
+    strides: tuple[int, ...],
+    bounds: tuple[int, int],
+) -> None:
     """Advection of q, on the faces of component d, by u.
 
     Both factors are averaged to the edges (e != d) or centres (e = d) of the faces,
@@ -177,7 +186,7 @@ def limit(w: Array, at: Array, q: Array, first: int, s: int, n: int) -> None:
 
 
 @kernel
-def fluxes(w: Array, at: Array, q: Array, v: Array, places: tuple) -> None:
+def fluxes(w: Array, at: Array, q: Array, v: Array, places: tuple[int, int, int, int]) -> None:
     """Upwind fluxes w[c] = v q at n faces from ``first`` on, between entries c - s and c; v is averaged over sd."""
     first, n, s, sd = places
     v0, vm = v[first : first + n], v[first - sd : first - sd + n]
@@ -190,7 +199,15 @@ def fluxes(w: Array, at: Array, q: Array, v: Array, places: tuple) -> None:
 
 
 @kernel
-def xsppm7(out: Array, q: Array, u: tuple, d: int, inv_h: tuple, strides: tuple, bounds: tuple) -> None:
+def xsppm7(
+    out: Array,
+    q: Array,
+    u: Faces,
+    d: int,
+    inv_h: tuple[float, ...],
+    strides: tuple[int, ...],
+    bounds: tuple[int, int],
+) -> None:
     """Advection of q, on the faces of component d, by u with upwind reconstruction, in blocks that stay in the cache.
 
     out = sum_e (F[c+e] - F[c]) / h_e,  F[c] = v q,  v = (u_e[c] + u_e[c-d]) / 2,

@@ -23,8 +23,7 @@ import scipy.fft
 import scipy.fftpack
 
 from valvefsi.runtime import threads
-
-Array = np.ndarray
+from valvefsi.types import Array
 
 KINDS = (
     "periodic",
@@ -76,7 +75,8 @@ class Axis:
         self.size = n + 1 - self.skip - int(kind[-1] == "D") if on_faces else n
         self.uniform = bool(np.ptp(widths) <= 1e-12 * widths.max())
         self.volumes = self._volumes()
-        self.matrix = self.inverse_matrix = None
+        self.matrix: Array | None = None
+        self.inverse_matrix: Array | None = None
         if not self.uniform:
             self.eigenvalues, vectors = self._eigenvectors()
             root = np.sqrt(self.volumes)
@@ -175,9 +175,9 @@ class Axis:
         """
         if self.size == 1 and self.uniform:
             return x
-        if self.matrix is None:
-            return self._fast(x, axis, inverse=inverse)
         matrix = self.inverse_matrix if inverse else self.matrix
+        if matrix is None:
+            return self._fast(x, axis, inverse=inverse)
         if axis == 0:
             return (matrix @ x.reshape(self.size, -1)).reshape(x.shape)
         if axis == 2:

@@ -10,11 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from valvefsi.fluid.sides import Disk, FreeSlip, Mixed, Open, Side, Wall
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces, Mask, Slices
 
 __all__ = ["SIDES", "Boundary", "Disk", "FreeSlip", "Mixed", "Open", "Side", "Wall"]
 
@@ -22,7 +25,7 @@ SIDES = ("x_lower", "x_upper", "y_lower", "y_upper", "z_lower", "z_upper")
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Place:
+class Place:
     """A side of the box and where its entries are in local arrays."""
 
     name: str
@@ -31,10 +34,10 @@ class _Place:
     side: Side
     here: bool  # whether this rank touches it
     face: int  # index of its faces along the axis
-    open: Array | bool  # which of its faces are open, (.., 1, ..) of local entries
-    mask: Array | None = None  # the same of a mixed side for all ranks, (n, n) along the other two axes
+    open: Mask | bool  # which of its faces are open, (.., 1, ..) of local entries
+    opened: Mask | None = None  # the same of a mixed side for all ranks, (n, n) along the other two axes
 
-    def at(self, index: int) -> tuple:
+    def at(self, index: int) -> tuple[slice, ...]:
         """Place of a plane of entries along the axis, which is kept."""
         return (slice(None),) * self.axis + (slice(index, index + 1),)
 
@@ -49,6 +52,12 @@ class _Place:
         return self.face if self.upper else self.face - 1
 
     @property
+    def mask(self) -> Mask:
+        """Which faces of a mixed side are open, the same on all ranks, ``(n, n)`` along the other two axes."""
+        assert self.opened is not None, f"side {self.name} is not mixed"
+        return self.opened
+
+    @property
     def is_open(self) -> bool:
         """Whether any of its faces is open, on any rank."""
         return isinstance(self.side, Open | Mixed)
@@ -56,7 +65,9 @@ class _Place:
     @property
     def opening(self) -> Open:
         """What holds on its open part."""
-        return self.side.open if isinstance(self.side, Mixed) else self.side
+        side = self.side.open if isinstance(self.side, Mixed) else self.side
+        assert isinstance(side, Open), f"side {self.name} is not open"
+        return side
 
     def loss(self, u: Faces, rho: float) -> Array | float:
         """What the pressure on its faces loses where fluid comes in, ``(.., 1, ..)`` [dyn/cm^2]."""
@@ -81,7 +92,7 @@ class Boundary:
     def __init__(self, grid: MacGrid, sides: Mapping[str, Side] | None = None) -> None:
         self.grid = grid
         sides = dict(sides or {})
-        self.places: list[_Place] = []
+        self.places: list[Place] = []
         for number, name in enumerate(SIDES[: 2 * grid.dim]):
             axis, upper = divmod(number, 2)
             side = sides.pop(name, None)
@@ -102,13 +113,13 @@ class Boundary:
             isinstance(p.side, Wall) and callable(p.side.velocity) for p in self.places
         )
 
-    def _place(self, name: str, axis: int, upper: bool, side: Side) -> _Place:
+    def _place(self, name: str, axis: int, upper: bool, side: Side) -> Place:
         grid = self.grid
         face = grid.ghosts[axis] + (grid.size[axis] if upper else 0)
         here = grid.is_last[axis] if upper else grid.is_first[axis]
-        place = {"name": name, "axis": axis, "upper": upper, "side": side, "here": here, "face": face}
+        place = partial(Place, name=name, axis=axis, upper=upper, side=side, here=here, face=face)
         if not isinstance(side, Mixed):
-            return _Place(**place, open=isinstance(side, Open))
+            return place(open=isinstance(side, Open))
         mask = self._mask(axis, upper, side)
         if not mask.any():
             raise ValueError(f"no face of side {name} is open")
@@ -119,9 +130,9 @@ class Boundary:
             pad[number] = (grid.ghosts[a], grid.ghosts[a])
             padded = np.pad(padded, pad, mode="wrap" if grid.periodic[a] else "edge")
         local = padded[tuple(slice(grid.start[a], grid.start[a] + grid.shape[a]) for a in others)]
-        return _Place(**place, open=np.expand_dims(local, axis), mask=mask)
+        return place(open=np.expand_dims(local, axis), opened=mask)
 
-    def _mask(self, axis: int, upper: bool, side: Mixed) -> Array:
+    def _mask(self, axis: int, upper: bool, side: Mixed) -> Mask:
         """Open faces of a side, the same on all ranks: one on the rim must not be open here and wall there."""
         ends = self.grid.upper if upper else self.grid.lower
         points = np.meshgrid(
@@ -132,18 +143,19 @@ class Boundary:
         shape = [1 if a == axis else n for a, n in enumerate(self.grid.cells)]
         return np.broadcast_to(np.asarray(side.where(*points), dtype=bool), shape).squeeze(axis).copy()
 
-    def _points(self, axis: int, upper: bool) -> list[Array]:
+    def _points(self, axis: int, upper: bool) -> tuple[Array, Array, Array]:
         """Open-mesh coordinates of the face centres on a side, ghosts included."""
         points = list(self.grid.points(axis))
         points[axis] = np.full((1, 1, 1), (self.grid.upper if upper else self.grid.lower)[axis])
-        return points
+        x, y, z = points
+        return x, y, z
 
     @property
-    def mixed(self) -> list[_Place]:
+    def mixed(self) -> list[Place]:
         """The sides that are open on a part."""
         return [place for place in self.places if isinstance(place.side, Mixed)]
 
-    def place(self, name: str) -> _Place:
+    def place(self, name: str) -> Place:
         """Return a side by its name.
 
         Raises:
@@ -161,10 +173,10 @@ class Boundary:
             ends = "".join(self._end(place, d) for place in self.places if place.axis == axis)
             if ends:
                 kinds[axis] = f"{'faces' if d == axis else 'cells'} {ends}"
-        return tuple(kinds)
+        return kinds[0], kinds[1], kinds[2]
 
     @staticmethod
-    def _end(place: _Place, d: int | None) -> str:
+    def _end(place: Place, d: int | None) -> str:
         """Whether the value (D) or the normal derivative (N) is given; on a mixed side that of the wall."""
         fully_open = isinstance(place.side, Open)
         if d is None:
@@ -187,7 +199,7 @@ class Boundary:
             if not place.is_open
         }
 
-    def unknown_faces(self, d: int) -> tuple[slice, slice, slice]:
+    def unknown_faces(self, d: int) -> Slices:
         """Slices of the owned faces of component d that the direct solver solves for."""
         first, last = self.grid.owned[d].start, self.grid.owned[d].stop
         for place in self.places:
@@ -197,7 +209,8 @@ class Boundary:
                     last += int(solved)
                 else:
                     first += int(not solved)
-        return tuple(slice(first, last) if a == d else s for a, s in enumerate(self.grid.owned))
+        x, y, z = (slice(first, last) if a == d else s for a, s in enumerate(self.grid.owned))
+        return x, y, z
 
     def opens_upward(self, d: int) -> bool:
         """Whether this rank holds faces of the upper side along axis d that are unknowns."""
@@ -223,7 +236,7 @@ class Boundary:
             if place.here and not isinstance(place.side, Open):
                 self._set_normal(u[place.axis], place, self._velocity(place, place.axis, (t,)))
 
-    def _velocity(self, place: _Place, d: int, times: tuple[float, ...]) -> Array | float:
+    def _velocity(self, place: Place, d: int, times: tuple[float, ...]) -> Array | float:
         """Given velocity component on a side, a number or ``(.., 1, ..)`` of local entries [cm/s]."""
         if not isinstance(place.side, Wall):
             return 0.0
@@ -232,14 +245,15 @@ class Boundary:
             return velocity[d]
         points = list(self.grid.points(d))
         points[place.axis] = self._points(place.axis, place.upper)[place.axis]
-        values = [np.asarray(velocity(*points, t)[d], dtype=float) for t in times]
+        x, y, z = points
+        values = [np.asarray(velocity(x, y, z, t)[d], dtype=float) for t in times]
         return sum(values) / len(values)
 
-    def _set_normal(self, q: Array, place: _Place, value: Array | float) -> None:
+    def _set_normal(self, q: Array, place: Place, value: Array | float) -> None:
         faces = q[place.at(place.face)]
         np.copyto(faces, np.where(place.open, faces, value))
 
-    def _reflect(self, q: Array, place: _Place, d: int, times: tuple[float, ...]) -> None:
+    def _reflect(self, q: Array, place: Place, d: int, times: tuple[float, ...]) -> None:
         normal = d == place.axis
         value = self._velocity(place, d, times)
         if normal:
@@ -285,7 +299,7 @@ class Boundary:
 
     def _side_pressures(
         self, u: Faces, rho: float, t: float, pressures: Mapping[str, float] | None
-    ) -> list[tuple[_Place, Array | float]]:
+    ) -> list[tuple[Place, Array | float]]:
         """Each open side of this rank and its pressure, a number or ``(.., 1, ..)`` [dyn/cm^2]. Collective."""
         given_back, found = self._mean_losses(u, rho), []
         for place in self.places:
@@ -301,7 +315,7 @@ class Boundary:
         if not places:
             return {}
         sums = [
-            (self._integral(place, place.loss(u, rho)), self._integral(place, 1.0 * place.open))
+            (self._integral(place, place.loss(u, rho)), self._integral(place, np.multiply(1.0, place.open)))
             for place in places
         ]
         lost, area = self.grid.comm.allreduce(np.array(sums)).T
@@ -309,7 +323,7 @@ class Boundary:
 
     def extend_pressure(
         self, p: Array, u: Faces, rho: float, t: float, pressures: Mapping[str, float] | None = None
-    ) -> list[tuple[_Place, Array]]:
+    ) -> list[tuple[Place, Array]]:
         """Extend the pressure linearly beyond each open side, in place, and return what is missing to the given one.
 
         The projection adds what is missing. Were it put into the old pressure, a layer of its own would jump at the
@@ -339,7 +353,7 @@ class Boundary:
             missing.append((place, np.where(place.open, value - side, 0.0)))
         return missing
 
-    def subtract_given(self, r: Array, missing: list[tuple[_Place, Array]]) -> None:
+    def subtract_given(self, r: Array, missing: list[tuple[Place, Array]]) -> None:
         """Subtract from the right-hand side on owned cells what given values on open sides add to lap phi, in place."""
         for place, value in missing:
             cells = [slice(None)] * 3
@@ -348,7 +362,7 @@ class Boundary:
             width = self.grid.widths[place.axis][place.inside]
             r[tuple(cells)] -= 2.0 / width**2 * value[tuple(owned)]
 
-    def fill_correction(self, phi: Array, missing: list[tuple[_Place, Array]] | None = None) -> None:
+    def fill_correction(self, phi: Array, missing: list[tuple[Place, Array]] | None = None) -> None:
         """Set the layer of a correction of the pressure beyond each open side, given there or zero.
 
         Args:
@@ -376,7 +390,32 @@ class Boundary:
         local = self._integral(place, u[place.axis][place.at(place.face)]) * (1.0 if place.upper else -1.0)
         return self.grid.comm.allreduce(local)
 
-    def _integral(self, place: _Place, values: Array | float) -> float:
+    def power(
+        self, u: Faces, p: Array, rho: float, t: float, pressures: Mapping[str, float] | None = None
+    ) -> dict[str, tuple[float, float]]:
+        """Return what comes in through each side where fluid passes: power of the pressure, and kinetic energy [erg/s].
+
+        Args:
+            u: Velocity with filled ghosts [cm/s].
+            p: Pressure with filled ghosts, for sides with a given velocity [dyn/cm^2].
+            rho: Density [g/cm^3].
+            t: Time of the given pressures [s].
+            pressures: Pressure by name of the side, in place of its own [dyn/cm^2].
+
+        Note:
+            Collective. On an open side the velocity along it is zero.
+        """
+        local = {place.name: np.zeros(2) for place in self.places if not isinstance(place.side, FreeSlip)}
+        on_sides = {place.name: value for place, value in self._side_pressures(u, rho, t, pressures)}
+        for place in self.places:
+            if place.name in local and place.here:
+                inward = u[place.axis][place.at(place.face)] * (-1.0 if place.upper else 1.0)
+                side = on_sides.get(place.name, p[place.at(place.inside)])
+                energy = 0.5 * rho * inward**2
+                local[place.name] += [self._integral(place, e * inward) for e in (side, energy)]
+        return {name: tuple(self.grid.comm.allreduce(values)) for name, values in local.items()}
+
+    def _integral(self, place: Place, values: ArrayLike) -> float:
         """Integral over this rank's part of a side of ``(.., 1, ..)`` local entries."""
         if not place.here:
             return 0.0

@@ -20,8 +20,7 @@ from valvefsi.fluid.axes import Axis
 from valvefsi.fluid.line_solver import LineSolver
 from valvefsi.fluid.stencils import divide
 from valvefsi.grid import MacGrid
-
-Array = np.ndarray
+from valvefsi.types import Array
 
 
 class TensorSolver:
@@ -133,7 +132,7 @@ class Transpose:
         """Undo `forward`. Collective."""
         return self._exchange(x, self.gathered, self.gathered_slices, self.divided, self.divided_slices)
 
-    def _exchange(self, x: Array, split: int, pieces: list, join: int, places: list) -> Array:
+    def _exchange(self, x: Array, split: int, pieces: list[slice], join: int, places: list[slice]) -> Array:
         """Each piece is packed once and unpacked once; what stays on this rank is copied straight to its place."""
         rank = self.comm.rank
         shape = list(x.shape)

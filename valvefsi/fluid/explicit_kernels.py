@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numba
-import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array, Faces
+
 BLOCK = 4096
 """Entries that are worked on in several passes before the next ones, as in `valvefsi.fluid.stencils`."""
 
@@ -13,7 +13,9 @@ kernel = numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_
 
 
 @kernel
-def subtract_laplacian(out: Array, q: Array, nu: tuple, bounds: tuple) -> None:
+def subtract_laplacian(
+    out: Array, q: Array, nu: tuple[float, ...], bounds: tuple[int, int, tuple[int, ...]]
+) -> None:
     """Viscous part of the explicit terms: out -= sum_e nu_e (q[c+e] - 2 q[c] + q[c-e]), nu_e = nu / h_e^2."""
     first, last, strides = bounds
     for start in range(first, last, BLOCK):
@@ -27,7 +29,9 @@ def subtract_laplacian(out: Array, q: Array, nu: tuple, bounds: tuple) -> None:
 
 
 @kernel
-def advance(out: Array, q: Array, p: Array, terms: tuple, weights: tuple, bounds: tuple) -> None:
+def advance(
+    out: Array, q: Array, p: Array, terms: Faces, weights: tuple[float, ...], bounds: tuple[int, int, int]
+) -> None:
     """Velocity before the projection: out = q + k (f - (p[c] - p[c-d]) / h_d) - a N - b N_old."""
     N, N_old, f = terms
     k, a, b, inv_h = weights

@@ -7,14 +7,14 @@ is the neighbour below along axis e.
 from __future__ import annotations
 
 import numba
-import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array, Faces, Indices
+
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
 @kernel
-def laplacian(out: Array, q: Array, rates: tuple, factor: float, box: Array) -> None:
+def laplacian(out: Array, q: Array, rates: Faces, factor: float, box: Indices) -> None:
     """Second differences, out += factor sum_e [up_e (q[c+e] - q[c]) - down_e (q[c] - q[c-e])]."""
     up0, down0, up1, down1, up2, down2 = rates
     flat = q.shape[2] == 1
@@ -31,7 +31,7 @@ def laplacian(out: Array, q: Array, rates: tuple, factor: float, box: Array) -> 
 
 @kernel
 def right_hand_side(
-    out: Array, p: Array, terms: tuple, weights: tuple, inverse_gap: Array, box: Array
+    out: Array, p: Array, terms: Faces, weights: tuple[float, float, int], inverse_gap: Array, box: Indices
 ) -> None:
     """Pressure gradient, advection and force of component d: out = f - (p[c] - p[c-d]) / g_d - a N - b N_old."""
     N, N_old, f = terms
@@ -49,7 +49,7 @@ def right_hand_side(
 
 
 @kernel
-def divergence(out: Array, u: tuple, inverse: tuple, box: Array) -> None:
+def divergence(out: Array, u: Faces, inverse: Faces, box: Indices) -> None:
     """Divergence in cells, out = sum_d (u_d[c+d] - u_d[c]) / w_d."""
     w0, w1, w2 = inverse
     for i in range(box[0, 0], box[0, 1]):
@@ -64,7 +64,7 @@ def divergence(out: Array, u: tuple, inverse: tuple, box: Array) -> None:
 
 
 @kernel
-def subtract_gradient(out: Array, phi: Array, factors: Array, d: int, box: Array) -> None:
+def subtract_gradient(out: Array, phi: Array, factors: Array, d: int, box: Indices) -> None:
     """Projection of one component, out -= factor_d (phi[c] - phi[c-d]), one factor per entry along axis d."""
     for i in range(box[0, 0], box[0, 1]):
         for j in range(box[1, 0], box[1, 1]):
@@ -88,7 +88,7 @@ def transports(out: Array, u: Array, first: Array, second: Array, third: Array) 
 
 
 @kernel
-def divide_by_volume(out: Array, first: Array, second: Array, third: Array, box: Array) -> None:
+def divide_by_volume(out: Array, first: Array, second: Array, third: Array, box: Indices) -> None:
     """Divide by control volumes, out /= first second third."""
     for i in range(box[0, 0], box[0, 1]):
         for j in range(box[1, 0], box[1, 1]):

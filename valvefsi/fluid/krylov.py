@@ -16,7 +16,8 @@ from petsc4py import PETSc
 from valvefsi.errors import ConvergenceError
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.fluid.navier_stokes import NavierStokes
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces
 
 
 class CoupledNavierStokes(NavierStokes):

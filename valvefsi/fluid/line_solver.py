@@ -12,14 +12,14 @@ import numpy as np
 from valvefsi.fluid.axes import Axis
 from valvefsi.fluid.stencils import kernel
 from valvefsi.runtime import threads
+from valvefsi.types import Array, Faces
 
-Array = np.ndarray
 WIDTH = 64
 """Lines that are worked on together, side by side in memory."""
 
 
 @kernel
-def eliminate(x: Array, bands: tuple, shift: Array, first: int, last: int) -> None:
+def eliminate(x: Array, bands: Faces, shift: Array, first: int, last: int) -> None:
     """Solve (shift_k V + K) x_k = V x_k for the lines ``first`` to ``last``, columns of x, in place.
 
     V is diagonal and K symmetric and tridiagonal; ``bands`` are V, the diagonal of K and what stands beside it with its

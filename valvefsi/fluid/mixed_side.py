@@ -16,7 +16,8 @@ from mpi4py import MPI
 
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.direct_solver import TensorSolver
-from valvefsi.grid import Array, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Mask
 
 
 class SideModes:
@@ -98,7 +99,7 @@ class SideModes:
             rows.append(row)
         return np.block(rows)
 
-    def _between(self, g: Array, mask: Array, other: Array) -> Array:
+    def _between(self, g: Array, mask: Mask, other: Mask) -> Array:
         """Apply ``back g there`` to the points of one side, at the points of another."""
         out = np.empty((int(mask.sum()), int(other.sum())))
         rows, columns = (np.flatnonzero(m.any(axis=1)) for m in (mask, other))

@@ -13,11 +13,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from valvefsi.fluid import stencils
-from valvefsi.fluid.boundary import Boundary
+from valvefsi.fluid.boundary import Boundary, Place
 from valvefsi.fluid.direct_solver import TensorSolver
 from valvefsi.fluid.mixed_side import NormalVelocityCorrection, PressureCorrection
 from valvefsi.fluid.operators import make_operators
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces
 
 
 class NavierStokes:
@@ -54,7 +55,7 @@ class NavierStokes:
     def _set_up_viscosity(self) -> None:
         grid, boundary = self.grid, self.boundary
         self.velocity_solvers = [TensorSolver(grid, boundary.kinds(d)) for d in range(grid.dim)]
-        self.mixed_velocity = None
+        self.mixed_velocity: NormalVelocityCorrection | None = None
         if boundary.mixed:
             d = boundary.mixed[0].axis
             self.mixed_velocity = NormalVelocityCorrection(grid, self.velocity_solvers[d], boundary)
@@ -161,7 +162,7 @@ class NavierStokes:
         unknown = self.boundary.unknown_faces(d)
         r, a, b = np.ascontiguousarray(rhs[unknown]), self.rho / dt, 0.5 * self.mu
         mixed = self.boundary.mixed
-        if not mixed or mixed[0].axis != d:
+        if not mixed or mixed[0].axis != d or self.mixed_velocity is None:
             np.add(q[unknown], self.velocity_solvers[d].solve(r, a, b), out=out[unknown])
             return
         sides = [(place, self._on_side(place)) for place in mixed]
@@ -177,7 +178,7 @@ class NavierStokes:
             if place.here:
                 out[local] = q[local] + plane[whole].reshape(out[local].shape)
 
-    def _on_side(self, place: object) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    def _on_side(self, place: Place) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
         """Slices of the owned faces on a side, in local arrays and in the plane of all ranks."""
         grid = self.grid
         others = [a for a in range(3) if a != place.axis]

@@ -12,8 +12,9 @@ import numpy as np
 from valvefsi.fluid import explicit_kernels, graded_kernels, stencils
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
 from valvefsi.runtime import threads
+from valvefsi.types import Array, Faces
 
 
 class UniformOperators:
@@ -63,7 +64,7 @@ class UniformOperators:
         )
 
     def momentum(
-        self, q: Array, p: Array, terms: tuple, weights: tuple[float, float, float], d: int
+        self, q: Array, p: Array, terms: Faces, weights: tuple[float, float, float], d: int
     ) -> Array:
         """Return f - grad p - a N - b N_old + mu lap q on the faces of component d; weights are a, b, mu."""
         a, b, mu = weights
@@ -74,7 +75,7 @@ class UniformOperators:
         self._divide(lambda i, j: stencils.momentum(*arrays, factors, (i, j, *strides)), self.faces[d])
         return out
 
-    def advance(self, q: Array, p: Array, terms: tuple, weights: tuple[float, float, float], d: int) -> Array:
+    def advance(self, q: Array, p: Array, terms: Faces, weights: tuple[float, float, float], d: int) -> Array:
         """Return q + k (f - grad p) - a N - b N_old on the faces of component d; weights are k, a, b."""
         out = self.grid.zeros()
         arrays = out.ravel(), q.ravel(), p.ravel(), tuple(term.ravel() for term in terms)
@@ -94,13 +95,12 @@ class UniformOperators:
     def subtract_gradient(self, u: Faces, phi: Array, factor: float) -> None:
         """Subtract a multiple of the gradient of phi from the faces, in place."""
         for d, q in enumerate(u):
-            arrays, k = (q.ravel(), phi.ravel()), factor * self.inv_h[d]
-            self._divide(
-                lambda a, b, arrays=arrays, k=k, s=self.strides[d]: stencils.subtract_gradient(
-                    *arrays, k, (a, b, s)
-                ),
-                self.faces[d],
-            )
+            arrays, k, stride = (q.ravel(), phi.ravel()), factor * self.inv_h[d], self.strides[d]
+
+            def loop(a: int, b: int, arrays: Faces = arrays, k: float = k, stride: int = stride) -> None:
+                stencils.subtract_gradient(*arrays, k, (a, b, stride))
+
+            self._divide(loop, self.faces[d])
 
 
 class GradedOperators:
@@ -157,7 +157,7 @@ class GradedOperators:
         graded_kernels.laplacian(out, q, self.rates[d], -nu, self.faces[d])
 
     def momentum(
-        self, q: Array, p: Array, terms: tuple, weights: tuple[float, float, float], d: int
+        self, q: Array, p: Array, terms: Faces, weights: tuple[float, float, float], d: int
     ) -> Array:
         """Return f - grad p - a N - b N_old + mu lap q on the faces of component d; weights are a, b, mu."""
         a, b, mu = weights
@@ -166,7 +166,7 @@ class GradedOperators:
         graded_kernels.laplacian(out, q, self.rates[d], mu, self.faces[d])
         return out
 
-    def advance(self, q: Array, p: Array, terms: tuple, weights: tuple[float, float, float], d: int) -> Array:
+    def advance(self, q: Array, p: Array, terms: Faces, weights: tuple[float, float, float], d: int) -> Array:
         """Return q + k (f - grad p) - a N - b N_old on the faces of component d; weights are k, a, b."""
         k, a, b = weights
         out = self.grid.zeros()

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from valvefsi.grid import Array
+from valvefsi.types import Array, Mask
 
 Velocity = Callable[[Array, Array, Array, float], Sequence[Array | float]]
 Pressure = Callable[[Array, Array, Array, float], Array | float]
-Where = Callable[[Array, Array, Array], Array]
+Where = Callable[[Array, Array, Array], Mask]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,13 +85,13 @@ class Disk:
     centre: tuple[float, float, float]
     radius: float
 
-    def __call__(self, x: Array, y: Array, z: Array) -> Array:
+    def __call__(self, x: Array, y: Array, z: Array) -> Mask:
         """Return whether points lie on the disk; along an axis with one entry they are not told apart."""
-        squares = [
-            np.square(points - c) if np.size(points) > 1 else 0.0
-            for points, c in zip((x, y, z), self.centre, strict=True)
-        ]
-        return squares[0] + squares[1] + squares[2] < self.radius**2
+        square = np.zeros(())
+        for points, c in zip((x, y, z), self.centre, strict=True):
+            if np.size(points) > 1:
+                square = square + np.square(points - c)
+        return square < self.radius**2
 
 
 Side = Wall | FreeSlip | Open | Mixed

@@ -11,17 +11,23 @@ that one formula serves every axis and both dimensions, and the loop over all en
 from __future__ import annotations
 
 import numba
-import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array, Faces
+
 BLOCK = 4096
 """Entries that are worked on in several passes before the next ones: what is written stays in the first cache."""
+
+Weights = tuple[float, float, float, tuple[float, ...]]
+"""a, b, 1 / h_d, and mu / h_e^2 of every axis."""
+
+Bounds = tuple[int, int, int, tuple[int, ...]]
+"""First entry, one more than the last, stride along axis d, and those of every axis."""
 
 kernel = numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
 @kernel
-def momentum(out: Array, q: Array, p: Array, terms: tuple, weights: tuple, bounds: tuple) -> None:
+def momentum(out: Array, q: Array, p: Array, terms: Faces, weights: Weights, bounds: Bounds) -> None:
     """Right-hand side of the momentum equation of one component, on its faces.
 
     out = f - (p[c] - p[c-d]) / h_d - a N - b N_old + mu sum_e (q[c+e] - 2 q[c] + q[c-e]) / h_e^2
@@ -44,7 +50,9 @@ def momentum(out: Array, q: Array, p: Array, terms: tuple, weights: tuple, bound
 
 
 @kernel
-def divergence(out: Array, u: tuple, inv_h: tuple, strides: tuple, bounds: tuple) -> None:
+def divergence(
+    out: Array, u: Faces, inv_h: tuple[float, ...], strides: tuple[int, ...], bounds: tuple[int, int]
+) -> None:
     """Divergence in cells: out = sum_d (u_d[c+d] - u_d[c]) / h_d."""
     first, last = bounds
     n = last - first
@@ -61,7 +69,7 @@ def divergence(out: Array, u: tuple, inv_h: tuple, strides: tuple, bounds: tuple
 
 
 @kernel
-def subtract_gradient(out: Array, phi: Array, factor: float, bounds: tuple) -> None:
+def subtract_gradient(out: Array, phi: Array, factor: float, bounds: tuple[int, int, int]) -> None:
     """Projection of one component: out -= factor (phi[c] - phi[c-d])."""
     first, last, sd = bounds
     o, a, b = out[first:last], phi[first:last], phi[first - sd : last - sd]
@@ -82,7 +90,7 @@ def add_pressure(out: Array, phi: Array, p: Array, x: Array, div: Array, mu: flo
 
 
 @kernel
-def divide(x: Array, eigenvalues: tuple, a: float, b: float) -> None:
+def divide(x: Array, eigenvalues: Faces, a: float, b: float) -> None:
     """Divide by the eigenvalues of a tensor-product operator: x /= a - b (l0 + l1 + l2); a zero there gives zero."""
     l0, l1, l2 = eigenvalues
     for i in range(x.shape[0]):

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from valvefsi.geometry.leaflets import ValveGeometry
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from mpi4py import MPI
-    from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Gmsh
 
 COOK = ((0.0, 0.0), (4.8, 4.4), (4.8, 6.0), (0.0, 4.4))
 """Corners of Cook's membrane [cm]."""
@@ -39,7 +38,7 @@ def cook_membrane(
     """
     _check(cell, ("quadrilateral", "triangle"), elements=elements)
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         geo = gmsh.model.geo
         points = [geo.addPoint(x * scale, y * scale, 0) for x, y in COOK]
         lines = [geo.addLine(a, b) for a, b in itertools.pairwise([*points, points[0]])]
@@ -82,7 +81,7 @@ def thick_cylinder(
         r, phi = radii[0] + (radii[1] - radii[0]) * X[:, 0], math.pi / 2 * X[:, 1]
         return np.stack([r * np.cos(phi), r * np.sin(phi), 0 * r], axis=1)
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         geo = gmsh.model.geo
         points = [geo.addPoint(x, y, 0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
         lines = [geo.addLine(a, b) for a, b in itertools.pairwise([*points, points[0]])]
@@ -128,7 +127,7 @@ def thick_sphere(
         r = radii[0] + (radii[1] - radii[0]) * X[:, 2]
         return r[:, None] * share / np.linalg.norm(share, axis=1)[:, None]
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         third, half = 1 / 3, 0.5
         corners = {
             "a": (0, 0),
@@ -185,7 +184,7 @@ def truncated_ellipsoid(
             [across * np.sin(u) * np.cos(phi), across * np.sin(u) * np.sin(phi), -tall * np.cos(u)], axis=1
         )
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         q = math.sqrt(0.5)
         inner = centre / along
         corners: dict[str, tuple[float, float]] = {}
@@ -238,7 +237,7 @@ def leaflet(
         low = 0.6 * height * around**2
         return np.stack([r * np.cos(phi), r * np.sin(phi), low + (height - low) * X[:, 1]], axis=1)
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         corners = {"a": (0, 0), "b": (1, 0), "c": (1, 1), "d": (0, 1)}
         counts = {frozenset("bc"): elements[1], frozenset("da"): elements[1]}
         plan = (corners, [("a", "b", "c", "d")])
@@ -276,7 +275,7 @@ def _on_circle(X: Array) -> bool:
 
 
 def _extruded(
-    gmsh: object,
+    gmsh: Gmsh,
     plan: tuple[Mapping[str, tuple[float, float]], Sequence[tuple[str, ...]]],
     counts: int | tuple[int, Mapping[frozenset[str], int]],
     layers: int,
@@ -320,7 +319,7 @@ def _extruded(
     _name(gmsh, 3, {"body": [tag for dim, tag in made if dim == 3]})
 
 
-def _tag_sides(gmsh: object, sides: Mapping[str, Callable[[Array], bool]]) -> None:
+def _tag_sides(gmsh: Gmsh, sides: Mapping[str, Callable[[Array], bool]]) -> None:
     """Name the outer surfaces by where the points of their boundary lie."""
     volumes = gmsh.model.getEntities(3)
     groups: dict[str, list[int]] = {name: [] for name in sides}
@@ -332,7 +331,7 @@ def _tag_sides(gmsh: object, sides: Mapping[str, Callable[[Array], bool]]) -> No
     _name(gmsh, 2, groups)
 
 
-def _move_nodes(gmsh: object, move: Callable[[Array], Array]) -> None:
+def _move_nodes(gmsh: Gmsh, move: Callable[[Array], Array]) -> None:
     """Make the cells quadratic and move their nodes, those between the corners included."""
     gmsh.model.mesh.setOrder(2)
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
@@ -354,7 +353,7 @@ def _check(cell: str, cells: Sequence[str], **counts: int) -> None:
             raise CaseError("expected a whole number of at least 1", key=key, value=value)
 
 
-def _name(gmsh: object, dim: int, groups: Mapping[str, Sequence[int]]) -> None:
+def _name(gmsh: Gmsh, dim: int, groups: Mapping[str, Sequence[int]]) -> None:
     """Make a named physical group of each list of entities."""
     for number, (name, entities) in enumerate(groups.items(), start=1):
         gmsh.model.addPhysicalGroup(dim, entities, tag=number, name=name)

@@ -16,11 +16,10 @@ import numpy as np
 
 from valvefsi.errors import CaseError
 from valvefsi.geometry.mesh import _quiet_gmsh
+from valvefsi.runtime.mesh_files import read_mesh_file
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Gmsh, Indices
 
 VOLUMES = {"tetra": 4, "hexahedron": 5}
 """Cells of volume meshes by meshio's name, and gmsh's number of their type."""
@@ -37,7 +36,7 @@ def import_mesh(
     """Make a mesh file that a case can use of a surface or volume mesh.
 
     Args:
-        path: Closed surface (.stl, or triangles) or volume mesh (.msh, .vtu, .vtk, .xdmf ...).
+        path: Closed surface (.stl, or triangles) or volume mesh (.msh, .vtu, .vtk, .xdmf).
         out: The gmsh file to write, .msh.
         scale: Length of the file's unit [cm].
         size: Largest edge of the tetrahedra that fill a surface, as the surface's triangles if left out [cm].
@@ -50,8 +49,6 @@ def import_mesh(
         CaseError: The file cannot be read, its surface is not closed, or it holds no volume.
     """
     path, out = Path(path), Path(out)
-    if not path.is_file():
-        raise CaseError("no such mesh file", file=path)
     if out.suffix != ".msh":
         raise CaseError("expected a name that ends in .msh", key="--out", value=str(out))
     if not 0 < scale < math.inf or (size is not None and not 0 < size < math.inf):
@@ -70,30 +67,23 @@ def import_mesh(
         return _numbers(gmsh)
 
 
-def _read(path: Path) -> tuple[Array, dict[str, NDArray]]:
+def _read(path: Path) -> tuple[Array, dict[str, Indices]]:
     """Read points and cells, points at one place made one."""
-    import meshio
-
-    try:
-        # meshio takes the text of an STL file for the number of its triangles first, which overflows.
-        with np.errstate(over="ignore"):
-            mesh = meshio.read(path)
-    except (OSError, meshio.ReadError, SystemExit, ValueError, KeyError) as error:
-        raise CaseError(f"cannot read this file: {error}", file=path) from None
+    mesh = read_mesh_file(path)
     points = np.asarray(mesh.points, dtype=float)
     points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     extent = float(np.ptp(points, axis=0).max(initial=0.0))
     _, first, same = np.unique(
         np.round(points / max(1e-9 * extent, 1e-300)), axis=0, return_index=True, return_inverse=True
     )
-    cells: dict[str, list[NDArray]] = {}
+    cells: dict[str, list[Indices]] = {}
     for block in mesh.cells:
         cells.setdefault(block.type, []).append(same.ravel()[block.data])
     return points[first], {kind: np.concatenate(blocks) for kind, blocks in cells.items()}
 
 
 def _fill(
-    gmsh: object, points: Array, triangles: NDArray, size: float | None, angle: float, path: Path
+    gmsh: Gmsh, points: Array, triangles: Indices, size: float | None, angle: float, path: Path
 ) -> None:
     """Fill a closed surface with tetrahedra."""
     import meshio
@@ -124,7 +114,7 @@ def _fill(
         raise CaseError(f"gmsh cannot fill this surface: {error}", file=path) from None
 
 
-def _in_patches(gmsh: object, points: Array, triangles: NDArray, angle: float) -> list[list[int]]:
+def _in_patches(gmsh: Gmsh, points: Array, triangles: Indices, angle: float) -> list[list[int]]:
     """Gather gmsh's surfaces by patch: it cuts patches further, such that each can be laid flat."""
     from scipy.spatial import cKDTree
 
@@ -138,10 +128,10 @@ def _in_patches(gmsh: object, points: Array, triangles: NDArray, angle: float) -
     return [tags for tags in found if tags]
 
 
-def _take(gmsh: object, points: Array, kind: str, cells: NDArray, angle: float) -> None:
+def _take(gmsh: Gmsh, points: Array, kind: str, cells: Indices, angle: float) -> None:
     """Take a volume mesh, with its surface in patches."""
-    used, cells = np.unique(cells, return_inverse=True)
-    points, cells = points[used], cells.reshape(-1, {"tetra": 4, "hexahedron": 8}[kind])
+    used, numbers = np.unique(cells, return_inverse=True)
+    points, cells = points[used], numbers.reshape(-1, {"tetra": 4, "hexahedron": 8}[kind])
     faces = cells[:, FACES[kind]].reshape(-1, len(FACES[kind][0]))
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     outer = faces[np.sort(first[count == 1])]
@@ -163,7 +153,7 @@ def _take(gmsh: object, points: Array, kind: str, cells: NDArray, angle: float) 
     model.addPhysicalGroup(3, [1], name="body")
 
 
-def _patches(points: Array, faces: NDArray, angle: float) -> NDArray:
+def _patches(points: Array, faces: Indices, angle: float) -> Indices:
     """Number the patches of a surface that part where its normal turns by more than an angle, ``(num_faces,)``."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -185,7 +175,7 @@ def _patches(points: Array, faces: NDArray, angle: float) -> NDArray:
     return connected_components(graph, directed=False)[1]
 
 
-def _numbers(gmsh: object) -> dict[str, object]:
+def _numbers(gmsh: Gmsh) -> dict[str, object]:
     types, elements, _ = gmsh.model.mesh.getElements(3)
     tags, points, _ = gmsh.model.mesh.getNodes()
     x = np.asarray(points).reshape(-1, 3)

@@ -15,16 +15,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 SAMPLES = 4001
 """Points of a curve that its arc length is taken from."""
@@ -163,7 +161,7 @@ def porcine(*, diameter: float = 2.5) -> ValveGeometry:
 TYPES = {"pericardial": pericardial, "porcine": porcine}
 
 
-def _scaled(diameter: float, **parts: object) -> ValveGeometry:
+def _scaled(diameter: float, **parts: Any) -> ValveGeometry:
     """Return the shape of a 2.5 cm valve in proportion to the diameter, the thickness excepted."""
     if not 0 < diameter < math.inf:
         raise CaseError("expected a positive length", key="diameter", value=diameter)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import shutil
+import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +18,7 @@ from valvefsi.runtime import dolfinx_compat as compat
 import basix
 
 from valvefsi.errors import CaseError, raise_together
+from valvefsi.runtime.mesh_files import check_beginning
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
     from dolfinx import fem
     from dolfinx.mesh import Mesh, MeshTags
     from mpi4py import MPI
+
+    from valvefsi.types import Gmsh
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,18 +101,23 @@ def read_mesh(path: str | Path, comm: MPI.Comm) -> SolidMesh:
     """
     path = Path(path)
 
-    def build(gmsh: object) -> None:
-        if not path.is_file():
-            raise CaseError("no such mesh file", file=path)
-        try:
-            gmsh.open(str(path))
-        except Exception as error:  # gmsh raises nothing narrower
-            raise CaseError(f"gmsh cannot read this file: {error}", file=path) from error
+    def build(gmsh: Gmsh) -> None:
+        check_beginning(path, ("gmsh",))
+        # Gmsh runs what it takes for a script, and NAME.opt beside a file; a copy under our name has neither.
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / "mesh.msh"
+            shutil.copyfile(path, copy)
+            try:
+                check_beginning(copy)
+                gmsh.open(str(copy))
+            except Exception as error:  # gmsh raises nothing narrower
+                reason = str(error).replace(str(copy), path.name)
+                raise CaseError(f"gmsh cannot read this file: {reason}", file=path) from None
 
     return mesh_from_gmsh(build, comm, source=str(path))
 
 
-def mesh_from_gmsh(build: Callable[[object], None], comm: MPI.Comm, *, source: str) -> SolidMesh:
+def mesh_from_gmsh(build: Callable[[Gmsh], None], comm: MPI.Comm, *, source: str) -> SolidMesh:
     """Make a mesh with ``build(gmsh)``, which rank 0 alone calls with a fresh, quiet gmsh.
 
     Args:
@@ -137,7 +147,7 @@ def mesh_from_gmsh(build: Callable[[object], None], comm: MPI.Comm, *, source: s
 
 
 @contextlib.contextmanager
-def _quiet_gmsh() -> Iterator[object]:
+def _quiet_gmsh() -> Iterator[Gmsh]:
     """Give gmsh with an empty model, silent, leaving Ctrl-C to Python; put back what was there before."""
     import gmsh
 
@@ -160,7 +170,7 @@ def _quiet_gmsh() -> Iterator[object]:
             gmsh.option.setNumber("General.Terminal", terminal)
 
 
-def _inspect(model: object, source: str) -> tuple[int, dict[str, tuple[int, int]]]:
+def _inspect(model: Gmsh, source: str) -> tuple[int, dict[str, tuple[int, int]]]:
     """Return dimension and names of the physical groups of a gmsh model; renumber its nodes without gaps."""
     _, points, _ = model.mesh.getNodes()
     groups = model.getPhysicalGroups()
@@ -181,7 +191,7 @@ def _inspect(model: object, source: str) -> tuple[int, dict[str, tuple[int, int]
     return gdim, _names(model, tdim, source)
 
 
-def _names(model: object, tdim: int, source: str) -> dict[str, tuple[int, int]]:
+def _names(model: Gmsh, tdim: int, source: str) -> dict[str, tuple[int, int]]:
     """Return ``{name: (dimension, tag)}`` of the groups of cells and facets; name those without a name."""
     names: dict[str, tuple[int, int]] = {}
     for dim, tag in model.getPhysicalGroups():
@@ -196,7 +206,7 @@ def _names(model: object, tdim: int, source: str) -> dict[str, tuple[int, int]]:
     return names
 
 
-def _count_elements(model: object, dim: int, tag: int) -> int:
+def _count_elements(model: Gmsh, dim: int, tag: int) -> int:
     """Return the number of elements in a physical group."""
     entities = model.getEntitiesForPhysicalGroup(dim, tag)
     return sum(len(tags) for entity in entities for tags in model.mesh.getElements(dim, entity)[1])

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
     from mpi4py import MPI
 
+    from valvefsi.types import Gmsh
+
 
 def rectangle(
     comm: MPI.Comm,
@@ -36,7 +38,7 @@ def rectangle(
     """
     _check(lower, size, elements, cell, ("quadrilateral", "triangle"))
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         surface, (bottom, right, (top,), left) = _block(gmsh, lower, size, elements, [(1.0, elements[0])])
         _finish_surface(gmsh, surface, cell)
         tags = {"x_lower": [left], "x_upper": [right], "y_lower": [bottom], "y_upper": [top]}
@@ -81,7 +83,7 @@ def compressed_block(
         message = f"with {elements[0]} elements along {size[0]:g} cm the load's ends are not on nodes"
         raise CaseError(message, key="load_width", value=load_width)
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         parts = [(outer, count), (1 - 2 * outer, elements[0] - 2 * count), (outer, count)]
         surface, (bottom, right, top, left) = _block(gmsh, lower, size, elements, parts)
         _finish_surface(gmsh, surface, cell)
@@ -120,7 +122,7 @@ def box(
     """
     _check(lower, size, elements, cell, ("hexahedron", "tetrahedron"))
 
-    def build(gmsh: object) -> None:
+    def build(gmsh: Gmsh) -> None:
         bottom, _ = _block(gmsh, lower, size, elements, [(1.0, elements[0])])
         hexahedra = cell == "hexahedron"
         if hexahedra:
@@ -159,7 +161,7 @@ def _check(
 
 
 def _block(
-    gmsh: object,
+    gmsh: Gmsh,
     lower: Sequence[float],
     size: Sequence[float],
     elements: Sequence[int],
@@ -192,14 +194,14 @@ def _block(
     return surface, (bottom, right, top, left)
 
 
-def _finish_surface(gmsh: object, surface: int, cell: str) -> None:
+def _finish_surface(gmsh: Gmsh, surface: int, cell: str) -> None:
     """Ask for quadrilaterals where they are wanted and hand the geometry to the mesher."""
     if cell == "quadrilateral":
         gmsh.model.geo.mesh.setRecombine(2, surface)
     gmsh.model.geo.synchronize()
 
 
-def _name_groups(gmsh: object, dim: int, groups: dict[str, list[int]]) -> None:
+def _name_groups(gmsh: Gmsh, dim: int, groups: dict[str, list[int]]) -> None:
     """Make a named physical group of each list of entities; numbers count from 1 in each dimension."""
     for number, (name, entities) in enumerate(groups.items(), start=1):
         gmsh.model.addPhysicalGroup(dim, entities, tag=number, name=name)

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from valvefsi.geometry.leaflets import ValveGeometry
     from valvefsi.geometry.mesh import SolidMesh
+    from valvefsi.types import Array, Gmsh
 
-    Array = NDArray[np.float64]
     Cells = NDArray[np.int64]
 
 STEP = 1e-5
@@ -49,7 +49,8 @@ class ValveMesh:
         cells: Corners of the cells, 8 or 4 each, ``(num_cells, 8 or 4)``.
         leaflet: Number of each cell's leaflet, 1 to 3, ``(num_cells,)``.
         facets: Corners of the outer facets by tag: "inflow", "outflow", "attached", "free".
-        fibres: Unit vectors at the cells' middles by name, "fibre_1", ..., each ``(num_cells, 3)``.
+        fibres: Unit vectors at the cells' middles by name, "circumferential", "radial" and "fibre_1", ..., each
+            ``(num_cells, 3)``.
         elements: Number around, from the attachment to the free edge, through the thickness.
     """
 
@@ -192,7 +193,7 @@ def distribute(mesh: ValveMesh, comm: MPI.Comm) -> SolidMesh:
     return mesh_from_gmsh(lambda gmsh: _to_gmsh(gmsh, mesh), comm, source="valve")
 
 
-def _to_gmsh(gmsh: object, mesh: ValveMesh) -> None:
+def _to_gmsh(gmsh: Gmsh, mesh: ValveMesh) -> None:
     """Fill gmsh's model: facets 1, 2, ... and then the cells, in the order in which gmsh writes them."""
     model, start = gmsh.model, 1
     for number in range(1, len(mesh.facets) + 1):
@@ -278,7 +279,7 @@ def _fibres(geometry: ValveGeometry, counts: tuple[int, int, int]) -> dict[str, 
     n = _normals(geometry, U, V)
     c /= np.linalg.norm(c, axis=1, keepdims=True)
     m = np.cross(n, c)
-    found = {}
+    found = {name: np.repeat(a, layers, axis=0) for name, a in (("circumferential", c), ("radial", m))}
     for number, angle in enumerate(geometry.fibre_angles, start=1):
         a = math.cos(math.radians(angle)) * c + math.sin(math.radians(angle)) * m
         found[f"fibre_{number}"] = np.repeat(a, layers, axis=0)

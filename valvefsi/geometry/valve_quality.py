@@ -10,12 +10,9 @@ import numpy as np
 from valvefsi.geometry.valve import corner_frames, jacobians, surface_volume, volumes
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from valvefsi.geometry.leaflets import ValveGeometry
     from valvefsi.geometry.valve import ValveMesh
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 def quality(geometry: ValveGeometry, mesh: ValveMesh) -> dict[str, float]:

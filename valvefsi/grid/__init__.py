@@ -1,18 +1,21 @@
-"""The staggered grid and the grading of its axes."""
+"""The staggered grid and the grading of its axes.
 
-from __future__ import annotations
+The grid itself is loaded when it is asked for, so that cases are read, and their axes graded, without MPI.
+"""
 
-import importlib
 from typing import TYPE_CHECKING, Any
 
+from valvefsi.types import Array, Faces
+
 if TYPE_CHECKING:
-    from valvefsi.grid.mac import DEPTH, GHOSTS, UNIFORM, Array, Faces, MacGrid
+    from valvefsi.grid.mac import DEPTH, GHOSTS, UNIFORM, MacGrid
 
 __all__ = ["DEPTH", "GHOSTS", "UNIFORM", "Array", "Faces", "MacGrid"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the grid, and MPI with it, only when it is asked for: case files and fits do without."""
-    if name in __all__:
-        return getattr(importlib.import_module("valvefsi.grid.mac"), name)
-    raise AttributeError(name)
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from valvefsi.grid import mac
+
+    return getattr(mac, name)

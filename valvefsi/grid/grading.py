@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array
 
 LARGEST_RATIO = 1.1
 """Largest ratio of neighbouring widths."""
@@ -90,6 +90,23 @@ def core_edges(lower: float, first: float, last: float, upper: float, h: float) 
     edges[[0, -1]] = lower, upper
     _check(lower, np.diff(edges))
     return edges
+
+
+def nearest_spacing(lengths: Sequence[float], h: float) -> float | None:
+    """Return the spacing nearest to h of which each of some lengths is a whole number; None where none is near.
+
+    Args:
+        lengths: Lengths of the axes, at least one [cm].
+        h: The spacing wanted, by no more than a quarter of which the one returned differs [cm].
+    """
+    first, least = lengths[0], max(1, math.ceil(0.8 * lengths[0] / h))
+    near = [first / n for n in range(least, math.floor(lengths[0] / h / 0.75) + 1)]
+    for spacing in sorted(near, key=lambda each: abs(each - h)):
+        if all(
+            abs(length / spacing - round(length / spacing)) < 1e-9 * length / spacing for length in lengths
+        ):
+            return spacing
+    return None
 
 
 def _beside(length: float, h: float) -> Array:

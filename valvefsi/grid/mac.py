@@ -11,12 +11,12 @@ Ranks form a grid over axes 0 and 1; axis 2 is never divided.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-Array = np.ndarray
-Faces = tuple[Array, ...]
+from valvefsi.types import Array, Faces, Slices
 
 GHOSTS = 4
 """Ghost layers: the upwind reconstruction reaches four, the widest kernel (six points) three."""
@@ -26,6 +26,31 @@ UNIFORM = 1e-9
 
 DEPTH = 1.0
 """Thickness of a two-dimensional grid [cm]."""
+
+
+def _free(comm: MPI.Comm, _: int, along: dict[int, tuple[MPI.Comm, MPI.Comm]]) -> None:
+    for pair in along.values():
+        for part in pair:
+            part.Free()
+
+
+ALONG_AXES = MPI.Comm.Create_keyval(delete_fn=_free)
+
+
+def _along_axes(comm: MPI.Comm, n1: int) -> tuple[MPI.Comm, MPI.Comm]:
+    """Return the communicators along each divided axis: all ranks that share the other coordinate.
+
+    They stay with the communicator that they divide, for every grid on it: an MPI library has only some two thousand,
+    and to free one is collective, which the end of an object in Python is not.
+    """
+    along: Any = comm.Get_attr(ALONG_AXES)
+    if along is None:
+        along = {}
+        comm.Set_attr(ALONG_AXES, along)
+    if n1 not in along:
+        along[n1] = comm.Split(comm.rank % n1), comm.Split(comm.rank // n1)
+    pair: tuple[MPI.Comm, MPI.Comm] = along[n1]
+    return pair
 
 
 class MacGrid:
@@ -98,18 +123,18 @@ class MacGrid:
         Raises:
             ValueError: As for the class, or positions do not increase.
         """
-        edges = [np.asarray(e, dtype=float) for e in edges]
-        if any(e.ndim != 1 or len(e) < 2 or not np.all(np.diff(e) > 0.0) for e in edges):
+        ends = [np.asarray(e, dtype=float) for e in edges]
+        if any(e.ndim != 1 or len(e) < 2 or not np.all(np.diff(e) > 0.0) for e in ends):
             raise ValueError("the edges of cells must increase along every axis")
         grid = cls(
-            [e[0] for e in edges],
-            [e[-1] for e in edges],
-            [len(e) - 1 for e in edges],
+            [e[0] for e in ends],
+            [e[-1] for e in ends],
+            [len(e) - 1 for e in ends],
             periodic,
             comm,
             process_grid,
         )
-        widths = [np.diff(e) for e in edges] + [grid.cell_widths[2]][: 3 - grid.dim]
+        widths = [np.diff(e) for e in ends] + [grid.cell_widths[2]][: 3 - grid.dim]
         grid._set_widths(
             [
                 w if np.ptp(w) > UNIFORM * w.max() else uniform
@@ -165,29 +190,26 @@ class MacGrid:
         self.is_first = tuple(r == 0 for r in place)
         self.is_last = tuple(r == p - 1 for r, p in zip(place, (n0, n1, 1), strict=True))
         self.shape = tuple(n + 2 * g for n, g in zip(self.size, self.ghosts, strict=True))
-        self.owned = tuple(slice(g, g + n) for n, g in zip(self.size, self.ghosts, strict=True))
-        # Communicators along each divided axis: all ranks that share the other coordinate.
-        self.axis_comms = (
-            (self.comm, MPI.COMM_SELF)
-            if n1 == 1
-            else (self.comm.Split(self.position[1]), self.comm.Split(self.position[0]))
-        )
+        x, y, z = (slice(g, g + n) for n, g in zip(self.size, self.ghosts, strict=True))
+        self.owned = (x, y, z)
+        self.axis_comms = (self.comm, MPI.COMM_SELF) if n1 == 1 else _along_axes(self.comm, n1)
 
-    def owned_faces(self, d: int) -> tuple[slice, slice, slice]:
+    def owned_faces(self, d: int) -> Slices:
         """Slices of the owned faces of component d, boundary face ``n`` included on its last rank."""
         extra = int(self.is_last[d] and not self.periodic[d])
-        return tuple(
-            slice(s.start, s.stop + (extra if axis == d else 0)) for axis, s in enumerate(self.owned)
-        )
+        x, y, z = (slice(s.start, s.stop + (extra if axis == d else 0)) for axis, s in enumerate(self.owned))
+        return x, y, z
 
-    def unknown_faces(self, d: int) -> tuple[slice, slice, slice]:
+    def unknown_faces(self, d: int) -> Slices:
         """Slices of the owned faces of component d that are not on a side: the unknowns of the momentum equation."""
         skip = int(self.is_first[d] and not self.periodic[d])
-        return tuple(slice(s.start + (skip if axis == d else 0), s.stop) for axis, s in enumerate(self.owned))
+        x, y, z = (slice(s.start + (skip if axis == d else 0), s.stop) for axis, s in enumerate(self.owned))
+        return x, y, z
 
     def face_shape(self, d: int) -> tuple[int, int, int]:
         """Global number of faces of component d along each axis."""
-        return tuple(n + int(axis == d and not self.periodic[d]) for axis, n in enumerate(self.cells))
+        x, y, z = (n + int(axis == d and not self.periodic[d]) for axis, n in enumerate(self.cells))
+        return x, y, z
 
     def zeros(self) -> Array:
         """Return a local cell or face array of zeros, ghosts included."""

@@ -3,10 +3,10 @@
 Layout of ``step_00001234.vfc``: magic, length of the header, CRC-32 of the header (8 bytes each), the header
 (JSON), then the arrays in C order, one after another. The header holds a checksum of each array,
 
-    c = sum_i w_i (2 i + 1) mod 2^64,    w_i the i-th 64-bit word,
+    c = sum_i A(w_i xor g (i + 1)) mod 2^64,    w_i the i-th 64-bit word, g odd, A the last mixing of XXH64,
 
-which every rank adds its part to, so that it does not depend on how the array is distributed. The weights are
-odd: one wrong bit always changes c.
+which every rank adds its part to, so that it does not depend on how the array is distributed. Each word in its place
+is mixed to all bits before it is added: whatever is wrong changes c, but for one chance in 2^64.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import warnings
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -26,12 +28,19 @@ from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError, raise_together
 
-MAGIC = b"VFSISTA2"
-OLD = b"VFSISTA1"
-"""Of an earlier format, whose states were not grouped by body."""
+MAGIC = b"VFSISTA3"
+OLD = (b"VFSISTA1", b"VFSISTA2")
+"""Of earlier formats, with other states and checksums."""
 PREFIX = 24
 CHUNK = 1 << 21
 MASK = (1 << 64) - 1
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+AVALANCHE = (
+    (np.uint64(33), np.uint64(0xC2B2AE3D27D4EB4F)),
+    (np.uint64(29), np.uint64(0x165667B19E3779F9)),
+)
+TYPES = ("<f8", "<i8", "<u8")
+NAME = re.compile(r"step_(\d+)\.vfc")
 
 
 @dataclass(frozen=True)
@@ -44,7 +53,7 @@ class Block:
         shape: Shape of the whole array.
     """
 
-    data: NDArray
+    data: NDArray[Any]
     start: tuple[int, ...]
     shape: tuple[int, ...]
 
@@ -59,13 +68,26 @@ class Rows:
         count: Number of rows of the whole table.
     """
 
-    data: NDArray
-    ids: NDArray
+    data: NDArray[Any]
+    ids: NDArray[Any]
     count: int
 
 
+def _mixed(words: NDArray[np.uint64], places: NDArray[np.uint64]) -> int:
+    """Return the sum of the mixed words; ``places`` (index + 1) is overwritten."""
+    x = places
+    with np.errstate(over="ignore"):
+        x *= GOLDEN
+        x ^= words
+        for shift, factor in AVALANCHE:
+            x ^= x >> shift
+            x *= factor
+        x ^= x >> np.uint64(32)
+        return int(x.sum())
+
+
 Request = Mapping[str, tuple[tuple[int, ...], tuple[int, ...]]]
-Arrays = dict[str, NDArray]
+Arrays = dict[str, NDArray[Any]]
 
 
 def save(
@@ -73,7 +95,7 @@ def save(
     step: int,
     fields: Mapping[str, Block],
     rows: Mapping[str, Rows],
-    meta: Mapping[str, object],
+    meta: Mapping[str, Any],
     comm: MPI.Comm,
     keep: int = 2,
 ) -> Path:
@@ -126,8 +148,8 @@ def save(
 
 
 def load_latest(
-    directory: Path, request: Request, rows_request: Mapping[str, NDArray], comm: MPI.Comm
-) -> tuple[dict[str, object], Arrays, Arrays] | None:
+    directory: Path, request: Request, rows_request: Mapping[str, NDArray[Any]], comm: MPI.Comm
+) -> tuple[dict[str, Any], Arrays, Arrays] | None:
     """Read the newest checkpoint that is whole.
 
     Args:
@@ -166,7 +188,10 @@ def load_latest(
 
 def list_checkpoints(directory: Path) -> list[Path]:
     """Return the checkpoints in a folder, oldest step first."""
-    return sorted(Path(directory).glob("step_*.vfc"), key=lambda path: int(path.stem.removeprefix("step_")))
+    found = [
+        (NAME.fullmatch(path.name), path) for path in Path(directory).glob("step_*.vfc") if path.is_file()
+    ]
+    return [path for _, path in sorted((int(match[1]), path) for match, path in found if match)]
 
 
 def newest_meta(directory: Path, comm: MPI.Comm) -> dict[str, object] | None:
@@ -183,24 +208,22 @@ class _Part:
     """This rank's part of one array: its words in the order of the file, and where they go."""
 
     words: NDArray[np.uint64]
-    index: tuple[NDArray, ...]
+    index: tuple[NDArray[Any], ...]
     shape: tuple[int, ...]
     dtype: str
     problem: str | None = None
 
     def checksum(self) -> int:
         """Return what this part adds to the checksum of the array."""
-        total = 0
         strides = [math.prod(self.shape[axis + 1 :]) for axis in range(len(self.shape))]
-        inner = np.zeros(self.words.shape[1:], dtype=np.uint64)
+        inner = np.ones(self.words.shape[1:], dtype=np.uint64)
         for axis in range(1, len(self.shape)):
             line = (self.index[axis] * strides[axis]).astype(np.uint64)
             inner += line.reshape([-1 if a == axis else 1 for a in range(1, len(self.shape))])
-        with np.errstate(over="ignore"):
-            for i, words in zip(self.index[0].tolist(), self.words, strict=True):
-                weights = np.uint64(2) * (inner + np.uint64(i * strides[0])) + np.uint64(1)
-                total += int((words * weights).sum())
-        return total & MASK
+        first = (self.index[0] * strides[0]).astype(np.uint64).reshape([-1] + [1] * inner.ndim)
+        slab = max(1, CHUNK // max(1, inner.size))
+        parts = (slice(k, k + slab) for k in range(0, len(first), slab))
+        return sum(_mixed(self.words[part], inner + first[part]) for part in parts) & MASK
 
     def file_type(self) -> MPI.Datatype:
         """Return where the words go in the file, counted from the start of the array."""
@@ -242,7 +265,7 @@ def _rows_part(rows: Rows) -> _Part:
 
 
 def _header(
-    step: int, parts: Mapping[str, _Part], meta: Mapping[str, object], comm: MPI.Comm
+    step: int, parts: Mapping[str, _Part], meta: Mapping[str, Any], comm: MPI.Comm
 ) -> tuple[bytes, dict[str, int]]:
     """Return the first bytes of the file and the offset of each array in it (collective)."""
     problem = next(((n, p.problem) for n, p in parts.items() if p.problem), None)
@@ -253,7 +276,7 @@ def _header(
     for (name, part), (size, checksum) in zip(parts.items(), totals, strict=True):
         if size != math.prod(part.shape):
             raise CaseError(f"the ranks hold {size} of {math.prod(part.shape)} entries", key=name)
-        entry = {
+        entry: dict[str, Any] = {
             "shape": part.shape,
             "dtype": part.dtype,
             "offset": offset,
@@ -279,7 +302,7 @@ def _write(
     """Write the file on all ranks together and force it to the disk."""
     error = None
     try:
-        file = MPI.File.Open(comm, str(path), MPI.MODE_CREATE | MPI.MODE_WRONLY)
+        file = MPI.File.Open(cast(MPI.Intracomm, comm), str(path), MPI.MODE_CREATE | MPI.MODE_WRONLY)
     except MPI.Exception as failure:
         raise_together(comm, OSError(f"cannot write {path}: {failure}"))
     raise_together(comm, None)
@@ -309,7 +332,7 @@ def _remove_old(path: Path, keep: int) -> None:
         torn.unlink(missing_ok=True)
 
 
-def _inspect(path: Path, comm: MPI.Comm) -> tuple[dict, str | None]:
+def _inspect(path: Path, comm: MPI.Comm) -> tuple[dict[str, Any], str | None]:
     """Return the header of a file and what is wrong with the file, on all ranks alike (collective)."""
     header, reason = comm.bcast(_read_header(path) if comm.rank == 0 else None, root=0)
     if reason is not None:
@@ -332,11 +355,11 @@ def _inspect(path: Path, comm: MPI.Comm) -> tuple[dict, str | None]:
     return header, None
 
 
-def _read_header(path: Path) -> tuple[dict, str | None]:
+def _read_header(path: Path) -> tuple[dict[str, Any], str | None]:
     try:
         with path.open("rb") as file:
             prefix = file.read(PREFIX)
-            if prefix[:8] == OLD:
+            if prefix[:8] in OLD:
                 return (
                     {},
                     "a checkpoint of an earlier version, which this one does not read: start the run anew",
@@ -351,8 +374,12 @@ def _read_header(path: Path) -> tuple[dict, str | None]:
             return {}, "wrong checksum of the header"
         header = json.loads(text)
         size, expected = path.stat().st_size, PREFIX + length + header["bytes"]
+        if any(entry["dtype"] not in TYPES for entry in header["arrays"].values()):
+            return {}, "an array of no numbers"
     except OSError as failure:
-        return {}, str(failure)
+        return {}, str(failure.strerror)
+    except (ValueError, KeyError, TypeError, AttributeError):  # a header that this package did not write
+        return {}, "not a checkpoint"
     header["data"] = PREFIX + length
     return header, None if size == expected else f"{size} bytes instead of {expected}"
 
@@ -366,14 +393,17 @@ def _sum_of_share(path: Path, start: int, size: int, comm: MPI.Comm) -> int:
         words = np.fromfile(path, dtype=np.uint64, count=count, offset=start + 8 * begin)
         if len(words) < count:
             raise ValueError("the file ends too early")
-        weights = np.arange(2 * begin + 1, 2 * (begin + count) + 1, 2, dtype=np.uint64)
-        total += int((words * weights).sum())
+        total += _mixed(words, np.arange(begin + 1, begin + count + 1, dtype=np.uint64))
     return total & MASK
 
 
 def _read(
-    path: Path, header: dict, request: Request, rows_request: Mapping[str, NDArray], comm: MPI.Comm
-) -> tuple[dict[str, object], Arrays, Arrays]:
+    path: Path,
+    header: dict[str, Any],
+    request: Request,
+    rows_request: Mapping[str, NDArray[Any]],
+    comm: MPI.Comm,
+) -> tuple[dict[str, Any], Arrays, Arrays]:
     """Read this rank's parts of a file that is known to be whole (collective)."""
     error, fields, rows = None, {}, {}
     try:
@@ -402,7 +432,7 @@ def _read(
     return {**header["meta"], "step": header["step"]}, fields, rows
 
 
-def _array(path: Path, header: dict, name: str) -> NDArray:
+def _array(path: Path, header: dict[str, Any], name: str) -> NDArray[Any]:
     """Map an array of the file into memory, without reading it."""
     if name not in header["arrays"]:
         raise CaseError(f"not in the file, it holds {', '.join(header['arrays'])}", file=path, key=name)

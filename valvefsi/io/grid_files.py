@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
+from valvefsi.io.series import read_times
+from valvefsi.types import Array
 
 TYPES = {"Float32": np.float32, "Float64": np.float64}
 END = b"</VTKFile>"
@@ -27,8 +28,8 @@ class GridFields:
     """
 
     t: float
-    edges: tuple[NDArray, NDArray, NDArray]
-    fields: dict[str, NDArray]
+    edges: tuple[Array, Array, Array]
+    fields: dict[str, Array]
 
     @property
     def dim(self) -> int:
@@ -36,7 +37,7 @@ class GridFields:
         return 2 if len(self.edges[2]) == 2 else 3
 
     @property
-    def centres(self) -> list[NDArray]:
+    def centres(self) -> list[Array]:
         """Centres of the cells along each axis [cm]."""
         return [0.5 * (e[1:] + e[:-1]) for e in self.edges]
 
@@ -48,16 +49,12 @@ def times_of(series: Path) -> list[tuple[float, Path]]:
         series: The list of times, ``NAME.pvd``.
 
     Raises:
-        CaseError: The list is missing, cannot be read, or names no file that exists.
+        CaseError: The list is missing, cannot be read, or names no file that is complete.
     """
     series = Path(series)
     if not series.is_file():
         raise CaseError("no such series; was the run made with output.frames?", file=series)
-    try:
-        items = list(ET.parse(series).getroot().iter("DataSet"))
-    except ET.ParseError as error:
-        raise CaseError(f"this is not a ParaView series: {error}", file=series) from None
-    found = [(float(item.get("timestep")), series.parent / item.get("file")) for item in items]
+    found = [(t, series.parent / name) for t, name in read_times(series)]
     found = sorted(entry for entry in found if _is_complete(entry[1]))
     if not found:
         raise CaseError("the series has no complete files yet", file=series)
@@ -67,16 +64,15 @@ def times_of(series: Path) -> list[tuple[float, Path]]:
 def _is_complete(path: Path) -> bool:
     """Return whether a file and all the pieces it names are there to their ends."""
     try:
-        sources = [piece.get("Source") for piece in ET.parse(path).getroot().iter("Piece")]
-        pieces = (
-            [path.parent / name for name in sources] if all(sources) else [path]
-        )  # a solid's has all of it
+        sources = [piece.get("Source", "") for piece in ET.parse(path).getroot().iter("Piece")]
+        whole = not all(sources)  # a solid's file has all of it
+        pieces = [path] if whole else [path.parent / name for name in sources]
         for piece in pieces:
             with piece.open("rb") as file:
                 file.seek(-min(len(END) + 8, piece.stat().st_size), 2)
                 if not file.read().rstrip().endswith(END):
                     return False
-    except (OSError, ET.ParseError):
+    except Exception:  # a damaged file fails anywhere
         return False
     return bool(pieces)
 
@@ -104,22 +100,24 @@ def read_grid(path: Path, t: float = 0.0) -> GridFields:
         extent = _extent(whole)
         cells = tuple(extent[2 * a + 1] - extent[2 * a] for a in range(3))
         edges = [np.zeros(n + 1) for n in cells]
-        fields: dict[str, NDArray] = {}
+        fields: dict[str, Array] = {}
         for piece in whole.iter("Piece"):
-            _add_piece(path.parent / piece.get("Source"), cells, edges, fields)
+            _add_piece(path.parent / piece.attrib["Source"], cells, edges, fields)
         if whole.tag == "PImageData":
-            origin, spacing = (np.array(whole.get(key).split(), dtype=float) for key in ("Origin", "Spacing"))
+            origin, spacing = (
+                np.array(whole.attrib[key].split(), dtype=float) for key in ("Origin", "Spacing")
+            )
             edges = [o + h * np.arange(n + 1) for o, h, n in zip(origin, spacing, cells, strict=True)]
-    except (OSError, ET.ParseError, StopIteration, KeyError, IndexError, ValueError, zlib.error) as error:
+    except Exception as error:  # a damaged file fails anywhere
         raise CaseError(f"this file of a fluid series cannot be read: {error}", file=path) from None
-    return GridFields(t=t, edges=tuple(edges), fields=fields)
+    return GridFields(t=t, edges=(edges[0], edges[1], edges[2]), fields=fields)
 
 
 def _extent(element: ET.Element) -> list[int]:
-    return [int(v) for v in element.get("WholeExtent", element.get("Extent")).split()]
+    return [int(v) for v in (element.get("WholeExtent") or element.attrib["Extent"]).split()]
 
 
-def _add_piece(path: Path, cells: tuple[int, ...], edges: list[NDArray], fields: dict[str, NDArray]) -> None:
+def _add_piece(path: Path, cells: tuple[int, ...], edges: list[Array], fields: dict[str, Array]) -> None:
     """Put the data of one piece into the whole arrays."""
     raw = path.read_bytes()
     start = raw.index(b"<AppendedData")  # an underscore marks where the data in it begin
@@ -132,9 +130,9 @@ def _add_piece(path: Path, cells: tuple[int, ...], edges: list[NDArray], fields:
     e = _extent(piece)
     where = tuple(slice(e[2 * a], e[2 * a + 1]) for a in range(3))
     size = tuple(s.stop - s.start for s in where)
-    for item in piece.find("CellData"):
-        name, components = item.get("Name"), int(item.get("NumberOfComponents", "1"))
-        values = _unpacked(data, int(item.get("offset")), TYPES[item.get("type")])
+    for item in piece.findall("CellData/*"):
+        name, components = item.attrib["Name"], int(item.get("NumberOfComponents", "1"))
+        values = _unpacked(data, int(item.attrib["offset"]), TYPES[item.attrib["type"]])
         shape = size[::-1] if components == 1 else (*size[::-1], components)
         turned = values.reshape(shape).transpose((2, 1, 0, 3)[: len(shape)])
         if name not in fields:
@@ -142,11 +140,11 @@ def _add_piece(path: Path, cells: tuple[int, ...], edges: list[NDArray], fields:
         fields[name][where] = turned
     places = piece.find("Coordinates")
     for axis, item in enumerate([] if places is None else places):
-        values = _unpacked(data, int(item.get("offset")), TYPES[item.get("type")])
+        values = _unpacked(data, int(item.attrib["offset"]), TYPES[item.attrib["type"]])
         edges[axis][e[2 * axis] : e[2 * axis + 1] + 1] = values
 
 
-def _unpacked(data: memoryview, offset: int, kind: type) -> NDArray:
+def _unpacked(data: memoryview, offset: int, kind: type) -> Array:
     """Undo VTK's packing: number of blocks, size of a block, size of the last, packed sizes, blocks."""
     count = int(np.frombuffer(data[offset : offset + 8], np.uint64)[0])
     sizes = np.frombuffer(data[offset + 24 : offset + 24 + 8 * count], np.uint64)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -66,13 +68,13 @@ class History:
 
     def _start(self, resume_step: int | None) -> None:
         """Write the heading and the rows that stay, in one go."""
-        rows = []
+        rows: list[list[str]] = []
         if resume_step is not None and self.path.exists():
             columns, rows = _read_rows(self.path)
-            if columns != self.columns:
+            if columns and columns != self.columns:
                 found = ", ".join(columns)
                 raise CaseError(f"cannot go on with this history, its columns are {found}", file=self.path)
-            rows = [row for row in rows if int(row[0]) <= resume_step]
+            rows = [row for row in rows if float(row[0]) <= resume_step]
         self.path.parent.mkdir(parents=True, exist_ok=True)
         temporary = self.path.with_name(f".{self.path.name}.part")
         with temporary.open("w", newline="") as file:
@@ -89,14 +91,24 @@ def read_history(path: Path) -> dict[str, list[float]]:
 
 
 def _read_rows(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Return the column names and the rows that are whole: ended by a newline, one number for each column."""
-    with path.open(newline="") as file:
-        lines = [line for line in file.read().splitlines(keepends=True) if line.endswith("\n")]
-    table = list(csv.reader(lines))
-    if not table:
-        return (), []
-    columns = tuple(table[0])
-    return columns, [row for row in table[1:] if len(row) == len(columns)]
+    """Return the column names and the rows that are whole: ended by a newline, one number for each column.
+
+    Others are passed over, and so is a row whose step is not above the one before it.
+    """
+    text = path.read_text(encoding="utf-8", errors="replace")
+    *lines, rest = text.replace("\r\n", "\n").split("\n")
+    columns: tuple[str, ...] = tuple(lines[0].split(",")) if lines else ()
+    rows: list[list[str]] = []
+    last = -1.0
+    for row in (line.split(",") for line in lines[1:]):
+        with contextlib.suppress(ValueError):
+            if len([float(value) for value in row]) == len(columns) and float(row[0]) > last:
+                rows.append(row)
+                last = float(row[0])
+    passed = max(len(lines) - 1, 0) - len(rows) + bool(rest)
+    if passed:
+        warnings.warn(f"{path}: {passed} damaged row{'s' * (passed > 1)} passed over", stacklevel=3)
+    return columns, rows
 
 
 def _text(value: float) -> str:

@@ -10,17 +10,19 @@ from __future__ import annotations
 import math
 import os
 import sys
+import warnings
 import xml.etree.ElementTree as ET
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from valvefsi.errors import raise_together
+from valvefsi.errors import CaseError, raise_together
+from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import Body, write_body
+from valvefsi.types import Array, Indices
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 BYTE_ORDER = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
 FILE = {"version": "1.0", "byte_order": BYTE_ORDER, "header_type": "UInt64"}
 PACKED = {**FILE, "compressor": "vtkZLibDataCompressor"}
+END = b"</VTKFile>"
 BLOCK = 1 << 20
 """Bytes that are compressed together."""
 FIELDS = (("velocity", 3), ("pressure", 1))
@@ -92,7 +95,7 @@ class FluidSeries:
         self.suffix = ".vti" if self.edges is None else ".vtr"
         self.index = _Index(directory, name, comm, resume_time)
 
-    def write(self, t: float, *arrays: NDArray) -> None:
+    def write(self, t: float, *arrays: Array) -> None:
         """Write one time.
 
         Args:
@@ -120,14 +123,14 @@ class FluidSeries:
         raise_together(self.comm, error)
         self.index.add(t, stem.with_suffix(self.suffix.replace(".", ".p")), self._write_list)
 
-    def _write_piece(self, path: Path, arrays: Sequence[NDArray]) -> None:
+    def _write_piece(self, path: Path, arrays: Sequence[Array]) -> None:
         extent = self.extents[self.comm.rank]
         root = ET.Element("VTKFile", {"type": self.kind, **PACKED})
         grid = ET.SubElement(root, self.kind, {"WholeExtent": _join(extent), **self.image})
         piece = ET.SubElement(grid, "Piece", {"Extent": _join(extent)})
         blocks, offset = [], 0
 
-        def add(parent: ET.Element, attributes: Mapping[str, str], values: NDArray) -> None:
+        def add(parent: ET.Element, attributes: Mapping[str, str], values: Array) -> None:
             nonlocal offset
             place = {"format": "appended", "offset": str(offset)}
             ET.SubElement(parent, "DataArray", {**attributes, **place})
@@ -192,10 +195,10 @@ class SolidSeries:
     def write(
         self,
         t: float,
-        points: NDArray | None,
-        cells: Mapping[int, NDArray] | None,
-        J: NDArray | None,
-        displacement: NDArray | None,
+        points: Array | None,
+        cells: Mapping[int, Indices] | None,
+        J: Array | None,
+        displacement: Array | None,
     ) -> None:
         """Write one time; ranks other than 0 may pass None.
 
@@ -216,6 +219,8 @@ class SolidSeries:
         def write(path: Path) -> None:
             import meshio
 
+            assert cells is not None  # rank 0 has them
+            assert J is not None
             named = {MESHIO_CELLS[kind]: nodes for kind, nodes in cells.items()}
             ends = np.cumsum([len(block) for block in named.values()])[:-1]
             mesh = meshio.Mesh(
@@ -226,6 +231,10 @@ class SolidSeries:
             temporary.replace(path)
 
         self.index.add(t, self.index.stem(t).with_suffix(".vtu"), write)
+
+
+GatheredBody = tuple[Array, Mapping[int, Indices], Mapping[str, Array], Array]
+"""Positions, nodes of the cells by VTK cell type, fields, reference positions."""
 
 
 class BodySeries:
@@ -244,7 +253,7 @@ class BodySeries:
     def __init__(self, directory: Path, name: str, comm: MPI.Comm, resume_time: float | None = None) -> None:
         self.index = _Index(directory, name, comm, resume_time)
 
-    def write(self, t: float, gathered: tuple | None) -> None:
+    def write(self, t: float, gathered: GatheredBody | None) -> None:
         """Write one time.
 
         Args:
@@ -257,6 +266,7 @@ class BodySeries:
         """
 
         def write(path: Path) -> None:
+            assert gathered is not None  # rank 0 has them
             points, cells, fields, reference = gathered
             write_body(path, Body(points=points, cells=cells, values=fields, reference=reference))
 
@@ -274,7 +284,7 @@ class _Index:
         try:
             if comm.rank == 0:
                 self._start(resume_time)
-        except (OSError, ET.ParseError) as failure:
+        except (OSError, CaseError) as failure:
             error = failure
         raise_together(comm, error)
         self.entries = comm.bcast(self.entries, root=0)
@@ -283,13 +293,15 @@ class _Index:
         """Keep what was written up to the time of the checkpoint; remove the files of later times."""
         self.folder.mkdir(parents=True, exist_ok=True)
         if resume_time is not None and self.path.exists():
-            sets = ET.parse(self.path).getroot().iter("DataSet")
-            entries = [(float(item.get("timestep")), item.get("file")) for item in sets]
-            self.entries = [entry for entry in entries if entry[0] <= resume_time]
+            self.entries = [entry for entry in read_times(self.path) if entry[0] <= resume_time]
+            if not self.path.read_bytes().rstrip().endswith(END):
+                warnings.warn(
+                    f"{self.path} was cut off; it goes on after {len(self.entries)} times", stacklevel=2
+                )
         kept = {Path(file).stem for _, file in self.entries}
         for path in self.folder.iterdir():
             stem = path.stem[: len(self.folder.name) + 7]
-            if stem.startswith(f"{self.folder.name}_") and stem not in kept:
+            if stem.startswith(f"{self.folder.name}_") and stem not in kept and path.is_file():
                 path.unlink()
         self._save()
 
@@ -333,7 +345,7 @@ def _array(name: str, components: int, kind: str = "Float32") -> dict[str, str]:
     return {"type": kind, "Name": name, "NumberOfComponents": str(components)}
 
 
-def _packed(values: NDArray) -> bytes:
+def _packed(values: Array) -> bytes:
     """Return an array as VTK's compressed blocks: their number, size, size of the last, packed sizes, data."""
     raw = memoryview(values).cast("B") if values.size else b""
     parts = [zlib.compress(raw[k : k + BLOCK], 1) for k in range(0, len(raw), BLOCK)]
@@ -341,7 +353,7 @@ def _packed(values: NDArray) -> bytes:
     return b"".join([header.tobytes(), *parts])
 
 
-def _join(values: object) -> str:
+def _join(values: Iterable[float]) -> str:
     return " ".join(repr(value) for value in values)
 
 

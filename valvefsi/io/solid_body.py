@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valvefsi.errors import CaseError
+from valvefsi.runtime.mesh_files import read_mesh_file
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    import meshio
+
+    from valvefsi.types import Array, Indices
 
 CORNERS = {5: 3, 9: 4, 10: 4, 12: 8, 22: 3, 28: 4, 24: 4, 69: 3, 70: 4, 71: 4, 72: 8}
 """Corners of VTK's cells, the first nodes of each."""
@@ -41,10 +44,10 @@ class Body:
         shown: Which scalar is drawn; the first one if left out.
     """
 
-    points: NDArray
-    cells: Mapping[int, NDArray]
-    values: Mapping[str, NDArray] = field(default_factory=dict)
-    reference: NDArray | None = None
+    points: Array
+    cells: Mapping[int, Indices]
+    values: Mapping[str, Array] = field(default_factory=dict)
+    reference: Array | None = None
     shown: str | None = None
 
     @property
@@ -52,7 +55,7 @@ class Body:
         """2 where all cells are flat, else 3."""
         return 3 if any(kind in (10, 12, 24, 71, 72) for kind in self.cells) else 2
 
-    def scalar(self) -> tuple[str, NDArray]:
+    def scalar(self) -> tuple[str, Array]:
         """Return name and values of the scalar that is drawn."""
         scalars = {name: np.asarray(v) for name, v in self.values.items() if np.ndim(v) == 1}
         name = self.shown if self.shown is not None else next(iter(scalars), None)
@@ -62,7 +65,7 @@ class Body:
             raise CaseError(f"no such field; there are {', '.join(scalars)}", key="field", value=name)
         return name, scalars[name]
 
-    def _distance(self) -> NDArray:
+    def _distance(self) -> Array:
         if self.reference is None:
             return np.zeros(len(self.points))
         return np.linalg.norm(self.points - self.reference, axis=1)
@@ -90,12 +93,7 @@ def read_body(path: Path) -> Body:
     Raises:
         CaseError: It is missing or holds no solid.
     """
-    import meshio
-
-    try:
-        mesh = meshio.read(path)
-    except (OSError, meshio.ReadError, SystemExit) as error:
-        raise CaseError(f"cannot read this file: {error}", file=path) from error
+    mesh = read_mesh_file(Path(path), ("vtu",))
     cells = {KINDS[block.type]: block.data for block in mesh.cells if block.type in KINDS}
     if not cells:
         raise CaseError("no cells that can be drawn", file=path)
@@ -109,7 +107,7 @@ def read_body(path: Path) -> Body:
     )
 
 
-def _to_nodes(count: int, cells: Sequence, blocks: Sequence[NDArray]) -> NDArray:
+def _to_nodes(count: int, cells: Sequence[meshio.CellBlock], blocks: Sequence[Array]) -> Array:
     """Average values of cells in their nodes."""
     sums, number = np.zeros(count), np.zeros(count)
     for block, data in zip(cells, blocks, strict=True):
@@ -118,9 +116,9 @@ def _to_nodes(count: int, cells: Sequence, blocks: Sequence[NDArray]) -> NDArray
     return sums / np.maximum(number, 1.0)
 
 
-def outer_faces(body: Body) -> list[NDArray]:
+def outer_faces(body: Body) -> list[Array]:
     """Return the faces that belong to one cell only, and flat cells, one array for each number of corners."""
-    found: dict[int, list[NDArray]] = {}
+    found: dict[int, list[Indices]] = {}
     for kind, block in body.cells.items():
         if not len(block):
             continue

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import shutil
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
 from valvefsi.io.grid_files import GridFields, nearest_time, read_grid, times_of
+from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import Body, read_body
 from valvefsi.post.plots.slice import Plane, cut, draw_slice, outline, scale_of
+from valvefsi.types import Array
 
 SERIES = {"mean": "averages", "turbulence": "averages"}
 """Series of the fields whose names begin so; the others are in that of the fluid."""
@@ -31,7 +31,7 @@ def draw_plane(
     plane: Plane | None,
     field: str,
     t: float | None = None,
-    lines: Sequence[NDArray] = (),
+    lines: Sequence[Array] = (),
 ) -> Path:
     """Draw one time of a field of a run in a plane, with its solids.
 
@@ -98,7 +98,13 @@ def draw_movie(
 
 
 def _frames(
-    folder: Path, times: list, plane: Plane | None, field: str, limits: tuple, path: Path, progress: object
+    folder: Path,
+    times: list[tuple[float, Path]],
+    plane: Plane | None,
+    field: str,
+    limits: tuple[float, float],
+    path: Path,
+    progress: Callable[[int, int], None] | None,
 ) -> Iterator[Path]:
     """Draw frame after frame; the file of each is removed when the next is asked for."""
     for number, (when, file) in enumerate(times):
@@ -106,14 +112,16 @@ def _frames(
         at = _plane(grid, plane)
         solids = [outline(body, at, grid.dim) for body in bodies_at(folder, when)]
         picture = path.with_name(f".{path.stem}_{number:05d}.png")
-        heading = {"title": field.replace("_", " "), "caption": _caption(grid, at)}
-        yield draw_slice(picture, cut(grid, at, field), solids=solids, limits=limits, **heading)
+        title, caption = field.replace("_", " "), _caption(grid, at)
+        yield draw_slice(
+            picture, cut(grid, at, field), solids=solids, limits=limits, title=title, caption=caption
+        )
         picture.unlink()
         if progress is not None:
             progress(number + 1, len(times))
 
 
-def _limits(times: list, plane: Plane | None, field: str) -> tuple[float, float]:
+def _limits(times: list[tuple[float, Path]], plane: Plane | None, field: str) -> tuple[float, float]:
     """One scale for all times, from ten of them."""
     chosen = times[:: max(1, len(times) // 10)]
     values = []
@@ -136,33 +144,25 @@ def _write_gif(path: Path, frames: Iterator[Path], fps: int) -> None:
 def _write_mp4(path: Path, frames: Iterator[Path], fps: int) -> None:
     import subprocess
 
+    first, raw = _pixels(next(frames))
+    command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", first]
+    command += ["-r", str(fps), "-i", "-", "-pix_fmt", "yuv420p", str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        process.stdin.write(raw)
+        for frame in frames:
+            process.stdin.write(_pixels(frame)[1])
+    if process.returncode != 0:
+        raise CaseError("ffmpeg could not make the movie", file=path)
+
+
+def _pixels(frame: Path) -> tuple[str, bytes]:
+    """Return size and pixels of a picture, without an odd row or column."""
     from PIL import Image
 
-    process = None
-    for frame in frames:
-        with Image.open(frame) as image:
-            width, height = (n - n % 2 for n in image.size)
-            raw = image.convert("RGB").crop((0, 0, width, height)).tobytes()
-        if process is None:
-            size = f"{width}x{height}"
-            command = [
-                "ffmpeg",
-                "-y",
-                "-loglevel",
-                "error",
-                "-f",
-                "rawvideo",
-                "-pix_fmt",
-                "rgb24",
-                "-s",
-                size,
-            ]
-            command += ["-r", str(fps), "-i", "-", "-pix_fmt", "yuv420p", str(path)]
-            process = subprocess.Popen(command, stdin=subprocess.PIPE)
-        process.stdin.write(raw)
-    process.stdin.close()
-    if process.wait() != 0:
-        raise CaseError("ffmpeg could not make the movie", file=path)
+    with Image.open(frame) as image:
+        width, height = (n - n % 2 for n in image.size)
+        return f"{width}x{height}", image.convert("RGB").crop((0, 0, width, height)).tobytes()
 
 
 def bodies_at(folder: Path, t: float) -> list[Body]:
@@ -171,10 +171,7 @@ def bodies_at(folder: Path, t: float) -> list[Body]:
     for series in sorted((Path(folder) / "paraview").glob("*.pvd")):
         if series.stem in ("fluid", "averages") or series.stem.endswith("_stress"):
             continue
-        entries = [
-            (float(e.get("timestep")), e.get("file")) for e in ET.parse(series).getroot().iter("DataSet")
-        ]
-        for when, name in entries:
+        for when, name in read_times(series):
             file = series.parent / name
             if abs(when - t) > 1e-9 * max(1.0, abs(t)):
                 continue

@@ -22,10 +22,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
-from valvefsi.grid import Array
 from valvefsi.post.diagnostics.speeds import reynolds_number
 from valvefsi.post.valve_record import (
     ValveRecord,
@@ -37,6 +37,7 @@ from valvefsi.post.valve_record import (
     integral_of_square,
     part_of,
 )
+from valvefsi.types import Array
 from valvefsi.units import LITRE_PER_MINUTE, MMHG
 
 CLOSING_WINDOW = 0.1
@@ -135,7 +136,7 @@ class CycleNumbers:
     mean_aortic_pressure: float | None = None
     reasons: Mapping[str, str] = field(default_factory=dict)
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """All numbers by name, in CGS units."""
         return asdict(self)
 
@@ -208,11 +209,11 @@ def cycle_numbers(record: ValveRecord, test: ValveTest, cycle: int = -1) -> Cycl
     k = cycle + record.num_cycles if cycle < 0 else cycle
     if not 0 <= k < record.num_cycles:
         raise IndexError(f"cycle {cycle}: the record begins {record.num_cycles}")
-    start = record.start + k * record.period
+    start = record.first + k * record.period
     if reason := fault(record, k):
         return CycleNumbers(cycle=k, start=start, reasons=dict.fromkeys(NUMBERS, reason))
     x = cut(record, k)
-    found, reasons = _whole_cycle(x, record.period, test), {}
+    found, reasons = _whole_cycle(x, record.period, test), dict[str, str]()
     for part in (_forward, _pressure, _backward, _times):
         part(x, test, found, reasons)
     return CycleNumbers(cycle=k, start=start, reasons=reasons, **found)
@@ -241,7 +242,7 @@ def cycle_change(record: ValveRecord) -> tuple[dict[str, float | None], dict[str
     return change, reasons
 
 
-def _whole_cycle(x: dict[str, Array], period: float, test: ValveTest) -> dict[str, object]:
+def _whole_cycle(x: dict[str, Array], period: float, test: ValveTest) -> dict[str, Any]:
     """Numbers that need no interval."""
     peak, net = float(x["q"].max()), integral(x["t"], x["q"])
     return {
@@ -254,7 +255,7 @@ def _whole_cycle(x: dict[str, Array], period: float, test: ValveTest) -> dict[st
     }
 
 
-def _forward(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> None:
+def _forward(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reasons: dict[str, str]) -> None:
     """Forward flow: the interval about the peak in which q is positive."""
     t, q = x["t"], x["q"]
     peak = int(np.argmax(q))
@@ -286,14 +287,14 @@ def _rise(t: Array, q: Array, peak: int, floor: float, zero: float) -> float:
     return line if zero < line - LONG * (high - low) else zero
 
 
-def _pressure(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> None:
+def _pressure(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reasons: dict[str, str]) -> None:
     """Positive pressure difference in forward flow: the part with the largest integral of p_lv - p_ao."""
     if "forward_start" not in found:
         reasons |= dict.fromkeys(PRESSURES, reasons["forward_start"])
         return
     t, dp = part_of(x["t"], x["p_lv"] - x["p_ao"], found["forward_start"], found["forward_end"])
     changes = np.flatnonzero(dp[1:] * dp[:-1] < 0)
-    nodes = np.sort(np.concatenate([t, [crossing(t, dp, i, 0.0) for i in changes]]))
+    nodes = np.sort(np.concatenate([t, [crossing(t, dp, int(i), 0.0) for i in changes]]))
     t, dp = nodes, np.interp(nodes, t, dp)
     impulse = np.concatenate([[0.0], np.cumsum(0.5 * (dp[1:] + dp[:-1]) * np.diff(t))])
     last = int(np.argmax(impulse - np.minimum.accumulate(impulse)))
@@ -311,7 +312,7 @@ def _pressure(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) 
     found |= dict(zip(PRESSURES, (start, end, mean, peak, rms, area), strict=True))
 
 
-def _backward(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> None:
+def _backward(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reasons: dict[str, str]) -> None:
     """Closing, leakage and regurgitant volume."""
     if "forward_start" not in found:
         reasons |= dict.fromkeys(VOLUMES, reasons["forward_start"])
@@ -328,7 +329,7 @@ def _backward(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) 
     found["leakage_volume"] = found["regurgitant_volume"] - found["closing_volume"]
 
 
-def _closed(x: dict[str, Array], test: ValveTest, found: dict) -> float | None:
+def _closed(x: dict[str, Array], test: ValveTest, found: dict[str, Any]) -> float | None:
     """When closing backflow is over; the end of forward flow if there is none, None if it does not end."""
     t, q = part_of(x["t"], x["q"], found["forward_end"], x["t"][-1])
     outside = (x["t"] < found["forward_start"]) | (x["t"] > found["forward_end"])
@@ -340,7 +341,7 @@ def _closed(x: dict[str, Array], test: ValveTest, found: dict) -> float | None:
     return crossing(t, q, least + back[0] - 1, floor) if len(back) else None
 
 
-def _times(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> None:
+def _times(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reasons: dict[str, str]) -> None:
     """Opening and closing times, from the area where there is one, else from the flow."""
     if "pdva" in x:
         found["times_from"], found["peak_pdva"] = "pdva", float(x["pdva"].max())
@@ -349,12 +350,13 @@ def _times(x: dict[str, Array], test: ValveTest, found: dict, reasons: dict) -> 
         found["times_from"] = "flow"
         reasons["peak_pdva"] = "no valve area in the record"
         times, reason = _times_from_flow(x, test, found), reasons.get("forward_start", "")
-    known = dict(zip(TIMES, times, strict=True))
+    known: dict[str, float | None] = dict(zip(TIMES, times, strict=True))
     if known["closing_end"] is None and not reason:
         reason = reasons["closing_volume"]
     a, b, c, d = times
     pairs = zip(DURATIONS, ((a, b), (b, c), (c, d)), strict=True)
-    known |= {name: None if None in pair else pair[1] - pair[0] for name, pair in pairs}
+    for name, (first, last) in pairs:
+        known[name] = None if first is None or last is None else last - first
     reasons |= {name: reason for name, value in known.items() if value is None}
     found |= known
 
@@ -382,7 +384,7 @@ def _times_from_area(t: Array, area: Array, test: ValveTest) -> tuple[tuple[floa
     ), ""
 
 
-def _times_from_flow(x: dict[str, Array], test: ValveTest, found: dict) -> tuple[float | None, ...]:
+def _times_from_flow(x: dict[str, Array], test: ValveTest, found: dict[str, Any]) -> tuple[float | None, ...]:
     """Start of forward flow, first and last time at the upper level of the peak, end of closing."""
     if "forward_start" not in found:
         return (None,) * len(TIMES)

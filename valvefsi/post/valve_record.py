@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from valvefsi.grid import Array
+from valvefsi.types import Array
 
 LARGEST_GAP = 0.05
 """Longest time between two samples, as a part of the cycle."""
@@ -48,9 +48,13 @@ class ValveRecord:
             raise ValueError("t: expected two or more finite times in ascending order")
         if not (np.isfinite(self.period) and self.period > 0):
             raise ValueError(f"period: expected a positive time, found {self.period}")
-        object.__setattr__(self, "start", float(self.t[0] if self.start is None else self.start))
-        if self.start < self.t[0] - self.slack:
+        if self.first < self.t[0] - self.slack:
             raise ValueError(f"start: expected {self.t[0]} or later, the first time, found {self.start}")
+
+    @property
+    def first(self) -> float:
+        """Start of the first cycle [s]."""
+        return float(self.t[0] if self.start is None else self.start)
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -65,7 +69,7 @@ class ValveRecord:
     @property
     def num_cycles(self) -> int:
         """Cycles begun, the last of them perhaps incomplete."""
-        return max(int(np.ceil((self.t[-1] - self.start - self.slack) / self.period)), 0)
+        return max(int(np.ceil((self.t[-1] - self.first - self.slack) / self.period)), 0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,17 +112,17 @@ def first_closed(record: ValveRecord) -> float | None:
         low, high = np.nanmin(record.pdva), np.nanmax(record.pdva)
         closed &= record.pdva <= low + CLOSED_AREA * (high - low)
     ends, least = np.append(record.t[~closed], np.inf), CLOSED_TIME * record.period
-    since = record.t[closed & (record.t >= record.start)]
+    since = record.t[closed & (record.t >= record.first)]
     lasting = since[ends[np.searchsorted(ends, since)] - since >= least]
     if not len(lasting):
         return None
-    start = record.start if lasting[0] <= record.start + record.slack else float(lasting[0]) + least
+    start = record.first if lasting[0] <= record.first + record.slack else float(lasting[0]) + least
     return start if record.t[-1] - start >= record.period - record.slack else None
 
 
 def fault(record: ValveRecord, k: int) -> str:
     """Why cycle ``k`` cannot be used; empty if it can."""
-    start = record.start + k * record.period
+    start = record.first + k * record.period
     end = start + record.period
     if (missing := end - record.t[-1]) > record.slack:
         return f"incomplete: the record ends {missing:.4g} s before the cycle does"
@@ -136,7 +140,7 @@ def fault(record: ValveRecord, k: int) -> str:
 
 def cut(record: ValveRecord, k: int) -> dict[str, Array]:
     """Time from the start of cycle ``k``, and the waveforms, with both ends of the cycle put in."""
-    start = record.start + k * record.period
+    start = record.first + k * record.period
     t, length = record.t - start, record.period
     inside = t[(t > 1e-9 * length) & (t < (1 - 1e-9) * length)]
     nodes = np.concatenate([[0.0], inside, [length]])

@@ -121,7 +121,7 @@ class ForceMeter:
             for number in output.bodies:
                 body, q = model.bodies[number], state.bodies[number]
                 rows[0, k] += body.momentum(q, state.u, model.fluid.rho)
-                rows[1, k] += state.impulse[number]
+                rows[1, k] += state.given[number, :3]
             if volume is not None:
                 rows[2, k] = volume.momentum(state.u, model.fluid.rho)
                 rows[3, k] = volume.inflow(state.u, state.p, model.fluid.rho, model.fluid.mu)

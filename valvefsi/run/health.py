@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 from valvefsi.bodies.elastic_plan import LONGEST_GAP
 from valvefsi.fsi import Model, State
@@ -20,7 +21,7 @@ class Health:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self.warned: dict[str, dict[str, object]] = {}
+        self.warned: dict[str, dict[str, Any]] = {}
 
     def look(self, state: State) -> None:
         """Warn on rank 0 of each body whose points are too far apart, the first time that they are.

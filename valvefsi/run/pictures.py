@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from valvefsi.grid import Array, MacGrid
 from valvefsi.io.history import read_history
 from valvefsi.post import diagnostics
 from valvefsi.run.recording import Output, grid_part
+
+if TYPE_CHECKING:
+    from valvefsi.solid.structure import Structure
 
 ALWAYS = {"kinetic_energy_erg": "kinetic energy [erg]", "courant": "Courant number [-]"}
 """What is drawn where a run has no solid."""
@@ -49,6 +53,8 @@ def draw(
         history = read_history(output.directory / "history.csv")
         last = {name: values[-1] for name, values in history.items()}
         _draw_histories(output.directory / "histories.png", history, title, references)
+        if output.energy:
+            _draw_energy(output.directory / "energy.png", history, title)
         if flow is not None:
             caption = f"t = {state.t:.4g} s"
             _draw_flow(output.directory / "flow.png", model.grid, flow, solids, (title, caption))
@@ -57,7 +63,7 @@ def draw(
     return model.grid.comm.bcast(last)
 
 
-def _pairs(model: Model, state: State) -> list[tuple]:
+def _pairs(model: Model, state: State) -> list[tuple[Structure, Array]]:
     pairs = zip(model.bodies, state.bodies, strict=True)
     return [(body.solid, q["chi"]) for body, q in pairs if body.solid is not None]
 
@@ -98,6 +104,25 @@ def _draw_histories(
     plots.histories(path, history["t_s"], series, title=title)
 
 
+def _draw_energy(path: Path, history: Mapping[str, list[float]], title: str) -> None:
+    """Draw the terms of the balance of energy over time, and beside them what each body stores and loses."""
+    from valvefsi.post.plots import base as plots
+
+    terms = {n.removeprefix("energy_").removesuffix("_erg"): n for n in history if n.startswith("energy_")}
+    bodies = {name: n for name, n in terms.items() if name.startswith(("stored_", "lost_"))}
+    left = {name: terms[name] for name in ("residual",)}
+    fluid = {name: n for name, n in terms.items() if name not in bodies and name not in left}
+    panels = [
+        plots.Series(
+            label=f"{what} [mJ]",
+            lines={name.replace("_", " ", 1): [1e-4 * v for v in history[n]] for name, n in group.items()},
+        )
+        for what, group in (("fluid", fluid), ("bodies", bodies), ("left", left))
+        if group
+    ]
+    plots.histories(path, history["t_s"], panels, title=title)
+
+
 def _draw_lines(output: Output, dim: int, title: str) -> None:
     """Draw profiles, and averages in the plane that holds their lines, with the lines dashed."""
     from valvefsi.post.movies import draw_plane
@@ -132,7 +157,7 @@ def _label(column: str) -> str:
 
 
 def _draw_flow(
-    path: Path, grid: MacGrid, flow: tuple[Array, Array], solids: list, heading: tuple[str, str]
+    path: Path, grid: MacGrid, flow: tuple[Array, Array], solids: list[Any], heading: tuple[str, str]
 ) -> None:
     from valvefsi.post.plots import base as plots
 

@@ -27,6 +27,7 @@ from valvefsi import fsi
 from valvefsi.bodies.body import Entry
 from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.fsi import Model
+from valvefsi.run.disk import disk_free, disk_needed
 from valvefsi.run.simulation import Simulation, timed
 from valvefsi.run.stable_step import measured_limit
 
@@ -44,7 +45,13 @@ def plan(simulation: Simulation) -> list[Entry]:
     """
     model, schedule = simulation.model, simulation.schedule
     held = [entry for body in model.bodies for entry in body.statics(schedule.dt)]
-    return [*_size(model, schedule.num_steps), *_limits(simulation), *held, *_cost(simulation)]
+    return [
+        *_size(model, schedule.num_steps),
+        _disk(simulation),
+        *_limits(simulation),
+        *held,
+        *_cost(simulation),
+    ]
 
 
 def _size(model: Model, steps: int) -> list[Entry]:
@@ -74,6 +81,14 @@ def _memory(model: Model) -> Entry:
         unit="MiB",
         note=f"{grid.comm.allreduce(here):.0f} MiB of fields",
     )
+
+
+def _disk(simulation: Simulation) -> Entry:
+    output = simulation.output
+    needed = disk_needed(simulation.model, output, simulation.schedule.num_steps) / 1e9
+    free = disk_free(output.directory) / 1e9
+    note = f"{free:.3g} GB are free" if needed < free else f"ONLY {free:.3g} GB ARE FREE"
+    return Entry(quantity="disk, at most", value=needed, unit="GB", note=note)
 
 
 def step_limits(model: Model) -> dict[str, float]:
@@ -124,7 +139,8 @@ def _limits(simulation: Simulation) -> list[Entry]:
 def _cost(simulation: Simulation) -> list[Entry]:
     model, schedule = simulation.model, simulation.schedule
     state = simulation.initial or fsi.initial_state(model, schedule.dt)
-    times, fluid, parts = [], [], defaultdict(float)
+    parts: dict[str, float] = defaultdict(float)
+    times, fluid = [], []
     clocked = timed(model, parts)
     for _ in range(TRIAL_STEPS):
         model.grid.comm.barrier()

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from valvefsi.io.history import History, read_history
 from valvefsi.io.paraview import BodySeries
 
 if TYPE_CHECKING:
     from valvefsi.fsi import Model, State
+    from valvefsi.run.recording import Output
+    from valvefsi.solid.peaks import Peaks
+    from valvefsi.solid.stress import Stress
+    from valvefsi.solid.structure import Structure
 
 KILOPASCAL = 1.0e4
 """[dyn/cm^2]"""
@@ -28,9 +32,10 @@ class StressRecorder:
         Collective.
     """
 
-    def __init__(self, model: Model, output: object, resume: State | None) -> None:
+    def __init__(self, model: Model, output: Output, resume: State | None) -> None:
         self.model, self.asked = model, output.stress
-        self.series, self.peaks = [], None
+        self.series: list[tuple[int, BodySeries, Stress]] = []
+        self.peaks: Peaks | None = None
         folder, comm = output.directory / "paraview", model.grid.comm
         time = resume.t if resume else None
         if output.stress:
@@ -39,33 +44,39 @@ class StressRecorder:
                     series = BodySeries(folder, f"{body.name}_stress", comm, resume_time=time)
                     self.series.append((number, series, _stress(body.solid)))
         if output.orifice is not None:
-            self._open_peaks(output, resume)
+            self._open_peaks(output, output.orifice.body, resume)
 
-    def _open_peaks(self, output: object, resume: State | None) -> None:
+    def _open_peaks(self, output: Output, valve: int, resume: State | None) -> None:
         from valvefsi.solid.peaks import Peaks, columns_of, parts_of
 
-        self.valve = output.orifice.body
-        solid = self.model.bodies[self.valve].solid
+        self.valve = valve
+        solid = self._solid(valve)
         parts = parts_of(solid.mesh)
-        degree = solid.discretisation.quadrature_degree
+        degree = solid.discretisation.force_degree
         self.peaks = Peaks(_stress(solid, quadrature_degree=degree), parts)
         columns = ["step", "t_s", *map(_named, columns_of(list(parts)))]
         step = resume.step if resume else None
         self.table = History(output.directory / PEAKS, columns, self.model.grid.comm, step)
 
+    def _solid(self, number: int) -> Structure:
+        solid = self.model.bodies[number].solid
+        if solid is None:
+            raise ValueError(f"{self.model.bodies[number].name} has no stress")
+        return solid
+
     def write(self, state: State) -> None:
         """Write the stress of a state. Collective."""
         for number, series, stress in self.series:
-            self.model.bodies[number].solid.jacobian(state.bodies[number]["chi"])  # puts it where it is now
+            self._solid(number).jacobian(state.bodies[number]["chi"])  # puts it where it is now
             asked = [q for q in self.asked if q != "fibre_stretch" or stress.has_fibre]
             series.write(state.t, stress.gather(*asked))
         if self.peaks is not None:
-            self.model.bodies[self.valve].solid.jacobian(state.bodies[self.valve]["chi"])
+            self._solid(self.valve).jacobian(state.bodies[self.valve]["chi"])
             row = {_named(name): value / _unit(name) for name, value in self.peaks.now().items()}
             self.table.append({"step": state.step, "t_s": state.t} | row)
 
 
-def _stress(solid: object, **options: object) -> object:
+def _stress(solid: Structure, **options: Any) -> Stress:
     from valvefsi.solid.stress import stress_of_structure  # compiles a form for each solid
 
     fibres = solid.mesh.fibres

@@ -32,8 +32,8 @@ class Schedule:
         return max(1, round(self.t_end / self.dt))
 
     def finished(self, state: State) -> bool:
-        """Whether a state is the last one."""
-        return state.step >= self.num_steps
+        """Whether a state is the last one: the end is nearer than half a step."""
+        return state.step > 0 and state.t > self.t_end - 0.5 * self.dt
 
     def next_dt(self, state: State, rate: float) -> float:  # what `AdaptiveSchedule` looks at
         """Return the length of the step after a state [s]."""
@@ -41,7 +41,7 @@ class Schedule:
 
     def share(self, state: State) -> float:
         """Return the part of the run that is done, 0 to 1."""
-        return state.step / self.num_steps
+        return 1.0 if self.finished(state) else min(1.0, state.t / (self.num_steps * self.dt))
 
 
 @dataclass(frozen=True, kw_only=True)

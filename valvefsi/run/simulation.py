@@ -9,25 +9,21 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.errors import CaseError, StabilityError, Stopped
+from valvefsi.errors import CaseError, StabilityError, Stopped, SurroundingsError, reason_of
 from valvefsi.fsi import Model, State
 from valvefsi.grid import MacGrid
+from valvefsi.io.checkpoint import list_checkpoints
 from valvefsi.post import diagnostics
+from valvefsi.run.checkpoints import load_state, memory_of, refuse_to_overwrite, save_state
+from valvefsi.run.disk import warn_of_disk
 from valvefsi.run.health import Health
-from valvefsi.run.recording import (
-    Output,
-    Recorder,
-    box_of,
-    load_state,
-    memory_of,
-    refuse_to_overwrite,
-    save_state,
-)
+from valvefsi.run.recording import Output, Recorder, box_of
 from valvefsi.run.schedule import AdaptiveSchedule, Schedule
 from valvefsi.run.stable_step import stable_step
 from valvefsi.runtime.clock import Timed
@@ -108,30 +104,46 @@ class Simulation:
             StabilityError: A velocity is not finite, the Courant number is too large, an element is inverted, or
                 a node is lost; the last good state has been written.
             Stopped: SIGTERM or SIGINT arrived; a checkpoint has been written.
+            SurroundingsError: The disk, the folder or the memory failed; says which checkpoint there is.
 
         Note:
             Collective.
         """
         keep_freed_memory()
         state = self._first_state(resume)
-        recorder = Recorder(self.model, self.output, self.memory, state if resume else None)
-        if not resume:
-            self._record(recorder, None, state)
-        started, first = time.perf_counter(), state.step
-        with _signals() as received:
-            state = self._march(state, recorder, received, progress)
-        wall = time.perf_counter() - started
-        with self._clock("output"):
-            save_state(self.model, state, self.output, self.memory, finished=True)
-            self.memory.statistics.write(state, self.output.directory, box_of(self.model.grid))
+        warn_of_disk(self.model, self.output, self.schedule.num_steps)
+        first = state.step
+        try:
+            memory, before = self.memory, state if resume else None
+            meters = (memory.forces, memory.energy)
+            recorder = Recorder(self.model, self.output, memory.statistics, meters, before)
+            if not resume:
+                self._record(recorder, None, state)
+            started = time.perf_counter()
+            with _signals() as received:
+                state = self._march(state, recorder, received, progress)
+            wall = time.perf_counter() - started
+            with self._clock("output"):
+                save_state(self.model, state, self.output, self.memory, finished=True)
+                self.memory.statistics.write(state, self.output.directory, box_of(self.model.grid))
+        except (OSError, MemoryError) as error:
+            raise SurroundingsError(f"{reason_of(error)}; {self._safe()}") from error
         return Outcome(
             state=state,
             steps=state.step - first,
-            wall_s=wall,
+            wall_s=max(wall, 1e-9),
             phases=dict(self.phases),
             recoveries=tuple(self.recoveries),
             warnings=tuple(self.health.report()),
         )
+
+    def _safe(self) -> str:
+        """Say how to go on after a fault, from what this rank sees of the folder."""
+        with contextlib.suppress(OSError):
+            paths = list_checkpoints(self.output.directory / "checkpoints")
+            if paths:
+                return f"{paths[-1]} is written, --resume goes on from there"
+        return "no checkpoint is written"
 
     def pictures(
         self, state: State, title: str = "", references: Mapping[str, tuple[str, float]] | None = None
@@ -155,7 +167,7 @@ class Simulation:
 
     def _first_state(self, resume: bool) -> State:
         if not resume:
-            refuse_to_overwrite(self.model, self.output)
+            refuse_to_overwrite(self.output.directory, self.model.grid.comm, finished=False)
             return self.initial or fsi.initial_state(self.model, self.schedule.dt)
         state = load_state(self.model, self.output, self.memory)
         if state is None:
@@ -180,6 +192,8 @@ class Simulation:
                 if self._due(state, new):
                     row = self._record(recorder, state, new)
                     good, retries = (new, rate), 0
+                elif stop or late:
+                    self._check_bodies(recorder.row(new), new)
             except StabilityError as error:
                 retries += 1
                 state, rate, cuts = self._go_back(error, good, retries)
@@ -285,7 +299,10 @@ class Simulation:
         return state, rate, retries
 
     def _explained(self, error: StabilityError, good: State) -> StabilityError:
-        path = save_state(self.model, good, self.output, self.memory)
+        try:
+            path = save_state(self.model, good, self.output, self.memory)
+        except OSError as failure:
+            return StabilityError(f"{error}. The last good state cannot be written: {reason_of(failure)}")
         return StabilityError(f"{error}. The last good state, t = {good.t:.6g} s, is in {path}")
 
     @contextlib.contextmanager
@@ -323,5 +340,5 @@ def timed(model: Model, table: dict[str, float]) -> Model:
         model: The model.
         table: Wall-clock time by phase, added to [s].
     """
-    fluid = Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"})
+    fluid: Any = Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"})
     return replace(model, fluid=fluid, bodies=tuple(body.timed(table) for body in model.bodies))

@@ -107,7 +107,9 @@ def _largest_eigenvalue(
     if not size > 0.0:
         return 0.0
     v, Kv = v / math.sqrt(size), Kv / math.sqrt(size)
-    before, diagonal, beside = np.zeros_like(v), [], []
+    before = np.zeros_like(v)
+    diagonal: list[float] = []
+    beside: list[float] = []
     for _ in range(products):
         w = M(Kv)
         diagonal.append(dot(w, Kv))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,12 +67,12 @@ class Statistics:
         """The numbers of a checkpoint."""
         return {} if self.averages is None else self.averages.meta()
 
-    def restore(self, fields: Mapping[str, Array], meta: Mapping[str, float | None]) -> None:
+    def restore(self, fields: Mapping[str, Array], meta: dict[str, float | None]) -> None:
         """Go on from what `fields` and `meta` were."""
         if self.averages is not None:
             self.averages.restore({name.removeprefix("average_"): a for name, a in fields.items()}, meta)
 
-    def write(self, state: State, directory: Path, box: object) -> None:
+    def write(self, state: State, directory: Path, box: Sequence[Sequence[float]]) -> None:
         """Write the averages as a ParaView series and profiles as tables, ``profiles/NAME.csv``.
 
         Args:
@@ -85,8 +85,8 @@ class Statistics:
         """
         grid, averages = self.grid, self.averages
         if averages is not None and averages.time > 0.0:
-            place = (grid.comm, grid.cells, grid.start, grid.size, box)
-            series = AverageSeries(directory / "paraview", "averages", *place)
+            folder = directory / "paraview"
+            series = AverageSeries(folder, "averages", grid.comm, grid.cells, grid.start, grid.size, box)
             series.write(state.t, averages.mean, averages.pressure, averages.kinetic_energy_of_turbulence)
         for name, line in self.lines.items():
             columns = self.profile(state, line)

@@ -10,7 +10,7 @@ import contextlib
 import functools
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 with contextlib.suppress(ImportError):  # a DOLFINx from apt, conda or source needs no such help
     import dolfinx_solver  # noqa: F401
@@ -21,11 +21,21 @@ import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
+try:
+    from ufl.corealg.dag_traverser import DAGTraverser
+except ImportError:  # an older UFL has none
+    DAGTraverser = None
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import ufl
     from mpi4py import MPI
     from numpy.typing import NDArray
+    from ufl.core.expr import Expr
+
+    from valvefsi.types import Array, Gmsh
+
 
 RELEASE: str = dolfinx.__version__
 """The DOLFINx release in use, for records."""
@@ -49,6 +59,23 @@ hence no -ffast-math.
 """
 
 
+def _forget_dispatched() -> None:
+    """Let UFL's derivatives go when nobody holds them.
+
+    Before 3.13.2, Python 3.13 keeps every object whose dispatched method was called, and with UFL's rules of
+    differentiation the functions, meshes and MPI communicators of every form.
+    """
+    kinds = [] if DAGTraverser is None else list(DAGTraverser.__subclasses__())
+    for kind in kinds:
+        kinds += kind.__subclasses__()
+        for method in vars(kind).values():
+            if isinstance(method, functools.singledispatchmethod) and hasattr(method, "_method_cache"):
+                method._method_cache = None
+
+
+_forget_dispatched()
+
+
 @functools.cache
 def forget_interrupted_compilations(cache_dir: Path | None = None, age: float = 120.0) -> int:
     """Remove what a killed compilation has left in the cache of forms; FFCx would wait for it to end and give up.
@@ -70,26 +97,26 @@ def forget_interrupted_compilations(cache_dir: Path | None = None, age: float = 
     return forgotten
 
 
-def compile_form(form: object) -> fem.Form:
+def compile_form(form: ufl.Form) -> fem.Form:
     """Compile a UFL form (collective)."""
     forget_interrupted_compilations()
     return fem.form(form, jit_options=JIT_OPTIONS)
 
 
-def compile_expression(expression: object, points: NDArray[np.float64], comm: MPI.Comm) -> fem.Expression:
+def compile_expression(expression: Expr, points: Array, comm: MPI.Comm) -> fem.Expression:
     """Compile a UFL expression for ``points (num_points, tdim)`` of the reference cell (collective)."""
     forget_interrupted_compilations()
     return fem.Expression(expression, points, comm=comm, jit_options=JIT_OPTIONS)
 
 
-def interpolation_points(space: fem.FunctionSpace) -> NDArray[np.float64]:
+def interpolation_points(space: fem.FunctionSpace) -> Array:
     """Return the points ``(num_points, tdim)`` at which the element of ``space`` wants values."""
     points = space.element.interpolation_points
     return points() if callable(points) else points  # a method in 0.9, a property since 0.10
 
 
 def model_to_mesh(
-    model: object, comm: MPI.Comm, gdim: int
+    model: Gmsh, comm: MPI.Comm, gdim: int
 ) -> tuple[dolfinx.mesh.Mesh, dolfinx.mesh.MeshTags | None, dolfinx.mesh.MeshTags | None]:
     """Distribute the gmsh model of rank 0 (``model`` is None elsewhere), without ghost cells.
 
@@ -147,23 +174,23 @@ def vtk_cells(space: fem.FunctionSpace) -> tuple[int, NDArray[np.int32]]:
 
 
 def evaluate(
-    expression: fem.Expression, mesh: dolfinx.mesh.Mesh, cells: Sequence[int]
-) -> NDArray[np.float64]:
+    expression: fem.Expression, mesh: dolfinx.mesh.Mesh, cells: Sequence[int] | NDArray[np.integer]
+) -> Array:
     """Evaluate a compiled expression in ``cells``; ``(num_cells, num_points * value_size)``."""
-    cells = np.asarray(cells, dtype=np.int32)
-    values = np.asarray(expression.eval(mesh, cells))
+    numbers = np.asarray(cells, dtype=np.int32)
+    values = np.asarray(expression.eval(mesh, numbers))
     width = int(np.prod(values.shape[1:]))  # reshape cannot work it out where there are no cells
-    return values.reshape(len(cells), width)
+    return values.reshape(len(numbers), width)
 
 
-def pack_constants(form: fem.Form) -> NDArray[np.float64]:
+def pack_constants(form: fem.Form) -> Array:
     """Return the values of a form's constants (a function of ``fem`` since 0.10)."""
     return (
         fem.pack_constants(form) if VERSION >= (0, 10) else dolfinx.cpp.fem.pack_constants(form._cpp_object)
     )
 
 
-def pack_coefficients(form: fem.Form) -> dict[tuple[object, int], NDArray[np.float64]]:
+def pack_coefficients(form: fem.Form) -> dict[tuple[Any, int], Array]:
     """Return the values of a form's coefficients (a function of ``fem`` since 0.10)."""
     if VERSION >= (0, 10):
         return fem.pack_coefficients(form)

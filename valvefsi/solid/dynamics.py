@@ -28,9 +28,7 @@ from valvefsi.solid.newton import Newton
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 __all__ = ["CentralDifferences", "Energies", "GeneralisedAlpha", "MovingSolid", "run"]
 
@@ -236,9 +234,10 @@ class GeneralisedAlpha:
         forces = solid.inner if solid.outer is None else solid.inner - solid.outer
         rho, eta = (fem.Constant(solid.mesh.mesh, float(x)) for x in (solid.density, solid.damping))
         residual = ufl.inner(rho * solid.a + eta * solid.v, test) * solid.dX + forces
-        mass = Newton(solid.a, residual, solid.prescribed.conditions)
-        mass.set_tolerances(1e-10, 1e-14 * solid.material.shear_modulus * solid.size ** (solid.dim - 1), 5)
-        mass.solve()
+        size = solid.material.shear_modulus * solid.size ** (solid.dim - 1)
+        with Newton(solid.a, residual, solid.prescribed.conditions) as mass:
+            mass.set_tolerances(1e-10, 1e-14 * size, 5)
+            mass.solve()
         kinetic, stored = solid.kinetic(), solid.stored()
         self.energies = Energies(kinetic, stored, 0.0, 0.0, kinetic + stored)
         self._loads = self._outer().copy()
@@ -247,6 +246,10 @@ class GeneralisedAlpha:
 
     def _damping_rate(self) -> float:
         return self.solid.damping * self.solid.comm.allreduce(fem.assemble_scalar(self._square))
+
+    def destroy(self) -> None:
+        """Free what PETSc holds (collective); petsc4py leaves it to the end of the program on several ranks."""
+        self._newton.destroy()
 
     def step(self) -> Energies:
         """Advance by one step, in halves, quarters ... where Newton's method fails; return the energies.

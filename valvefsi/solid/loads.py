@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from valvefsi.errors import CaseError
@@ -108,10 +109,11 @@ class Tether:
     @property
     def mask(self) -> tuple[float, float, float]:
         """1 for an axis it acts along, else 0."""
-        return tuple(float(axis in self.components) for axis in "xyz")
+        x, y, z = (float(axis in self.components) for axis in "xyz")
+        return x, y, z
 
 
-def _freeze_names(item: object, names: object) -> None:
+def _freeze_names(item: DeadLoad | Pressure | Tether, names: str | Sequence[str]) -> None:
     """Store ``on`` as a tuple of names; refuse an empty one."""
     names = (names,) if isinstance(names, str) else tuple(names)
     if not names:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from valvefsi.runtime import dolfinx_compat as compat
@@ -21,14 +22,10 @@ from valvefsi.solid.statics.supports import Prescribed
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from valvefsi.solid.loads import DeadLoad, Pressure, Tether
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics.supports import Fixed, Symmetry
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 HELD = NearlyIncompressible(degree=1, nu_stab=0.4)
 """Linear elements, numerical Poisson ratio 0.4."""
@@ -76,7 +73,7 @@ class MovingSolid:
 
     def __init__(
         self,
-        mesh: object,
+        mesh: Mesh,
         material: Material,
         *,
         density: float,
@@ -95,9 +92,9 @@ class MovingSolid:
         self.material = material
         self.kappa = formulation.energy(material).kappa
         degree = 2 * formulation.degree + 1
-        options = {"mesh": mesh, "material": material, "quadrature_degree": degree}
-        held = Body(supports=supports, loads=(), tethers=tethers, **options)
-        loaded = Body(supports=(), loads=loads, tethers=(), **options)
+        body = partial(Body, mesh=mesh, material=material, quadrature_degree=degree)
+        held = body(supports=supports, loads=(), tethers=tethers)
+        loaded = body(supports=(), loads=loads, tethers=())
         self.dX, self.size = held.dX, held.size
         self.space = fem.functionspace(mesh.mesh, ("Lagrange", formulation.degree, (self.dim,)))
         self.u, self.v, self.a = (fem.Function(self.space, name=name) for name in "uva")

@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING
 from valvefsi.solid.loads import Ramp, Tether
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 from valvefsi.runtime import dolfinx_compat as compat
 
@@ -25,7 +25,13 @@ def weak(method: Callable[..., None]) -> Callable[..., None]:
     owner would live for ever, and with it the mesh and its MPI communicators.
     """
     reference = weakref.WeakMethod(method)
-    return lambda *arguments: reference()(*arguments)
+
+    def call(*arguments: Any) -> None:
+        alive = reference()
+        assert alive is not None  # the owner outlives its solver's calls
+        alive(*arguments)
+
+    return call
 
 
 class Newton:
@@ -81,6 +87,12 @@ class Newton:
         else:
             self._state.x.array[:] = start
         return converged, self._snes.getIterationNumber()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.destroy()
 
     def destroy(self) -> None:
         """Free what PETSc holds (collective); petsc4py leaves it to the end of the program on several ranks."""

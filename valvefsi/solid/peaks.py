@@ -9,11 +9,11 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from mpi4py import MPI
     from numpy.typing import NDArray
 
     from valvefsi.solid.stress import Stress
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 SHARE = 0.99
 """Part of the reference volume that does not exceed the percentile; the peak of a corner is no measure of a leaflet."""
@@ -21,7 +21,7 @@ MEASURES = ("green_strain", "von_mises")
 """Largest principal Green strain [-], von Mises' equivalent of the Cauchy stress [dyn/cm^2]."""
 
 
-def parts_of(mesh: object) -> dict[str, NDArray[np.int32]]:
+def parts_of(mesh: Mesh) -> dict[str, NDArray[np.int32]]:
     """Return this rank's cells of each tag of cells of a ``SolidMesh``, by its name."""
     num_cells = mesh.mesh.topology.index_map(mesh.dim).size_local
     found = {}
@@ -75,6 +75,6 @@ def percentile(values: Array, weights: Array, share: float = SHARE) -> float:
     return float(values[order][at])
 
 
-def _together(comm: object, array: Array) -> Array:
+def _together(comm: MPI.Comm, array: Array) -> Array:
     """Return the values of all ranks, flat (collective)."""
     return np.concatenate(comm.allgather(np.ravel(array)))

@@ -6,7 +6,7 @@ plane, which von Mises' stress needs.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
 import basix
+import dolfinx
 import ufl
 from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
@@ -34,8 +35,7 @@ if TYPE_CHECKING:
     from valvefsi.solid.materials.parameters import Direction
     from valvefsi.solid.statics import StaticSolution
     from valvefsi.solid.structure import Structure
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 QUANTITIES = ("pk1", "pk2", "cauchy", "von_mises", "principal_stretches", "fibre_stretch", "J")
 """What can be asked for."""
@@ -102,7 +102,6 @@ class Stress:
         if fibre is not None:
             parts += [kinematics.vector(fibre)[i] for i in range(3)]
         self._expression = compat.compile_expression(ufl.as_vector(parts), self.points, self.mesh.comm)
-        self._projection: _Projection | None = None
 
     def _gradient(self) -> Expr:
         """Return the three-dimensional F."""
@@ -154,16 +153,13 @@ class Stress:
         Note:
             Collective.
         """
-        if self._projection is None:
-            self._projection = _Projection(self.mesh, self.points, self.weights, self.degree)
         measure = self._evaluate()[2]
         asked = {"cauchy" if name == "von_mises" else name for name in names}
-        nodes = {
-            name: self._projection.project(values, measure, name)
-            for name, values in self.at_points(*sorted(asked)).items()
-        }
+        values = self.at_points(*sorted(asked))
+        with _Projection(self.mesh, self.points, self.weights, self.degree) as projection:
+            nodes = {name: projection.project(values[name], measure, name) for name in values}
         if "von_mises" in names:
-            nodes["von_mises"] = equivalent = fem.Function(self._projection.space, name="von_mises")
+            nodes["von_mises"] = equivalent = fem.Function(projection.space, name="von_mises")
             equivalent.x.array[:] = _von_mises(nodes["cauchy"].x.array.reshape(-1, 3, 3))
         return {name: nodes[name] for name in names}
 
@@ -213,12 +209,12 @@ class _Embedded(Kinematics):
         return ufl.as_vector([flat[i] if i < self._plane.dim else 0.0 for i in range(3)])
 
 
-def stress_of_solution(solution: StaticSolution, material: Material, **options: object) -> Stress:
+def stress_of_solution(solution: StaticSolution, material: Material, **options: Any) -> Stress:
     """Return the stress of an incompressible static solution; options as of `Stress` (collective)."""
     return Stress(solution.displacement, material, pressure=solution.pressure, **options)
 
 
-def stress_of_structure(structure: Structure, **options: object) -> Stress:
+def stress_of_structure(structure: Structure, **options: Any) -> Stress:
     """Return the stress of a structure at the position its `force` was last called with (collective)."""
     position = structure.elasticity.position
     return Stress(position, structure.material, of_position=True, kappa=structure.kappa, **options)
@@ -234,6 +230,7 @@ def _quantity(name: str, F: Array, P: Array, fibre: Array | None) -> Array:
     if name == "J":
         return J
     if name == "fibre_stretch":
+        assert fibre is not None  # or this quantity is not offered
         return np.linalg.norm(np.einsum("...ij,...j->...i", F, fibre), axis=-1)
     if name == "principal_stretches":
         return np.linalg.svd(F, compute_uv=False)
@@ -250,9 +247,13 @@ def _von_mises(sigma: Array) -> Array:
 
 
 class _Projection:
-    """L2 projection of values at quadrature points to functions of first degree."""
+    """L2 projection of values at quadrature points to functions of first degree.
 
-    def __init__(self, mesh: object, points: Array, weights: Array, degree: int) -> None:
+    A context, which frees what PETSc holds: on several ranks petsc4py leaves it to the end of the program, and with it
+    the communicator of the mesh.
+    """
+
+    def __init__(self, mesh: dolfinx.mesh.Mesh, points: Array, weights: Array, degree: int) -> None:
         self.mesh, self.space = mesh, fem.functionspace(mesh, ("Lagrange", 1))
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         form = compat.compile_form(u * v * ufl.dx(domain=mesh, degree=degree))
@@ -266,6 +267,13 @@ class _Projection:
         element = self.space.element.basix_element
         self._shapes = element.tabulate(0, points)[0, :, :, 0] * weights[:, None]
         self._b, self._x = compat.create_vector(self.space), compat.create_vector(self.space)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for thing in (self._solver, self._A, self._b, self._x):
+            thing.destroy()
 
     def project(self, values: Array, measure: Array, name: str) -> fem.Function:
         """Project ``(num_cells, num_points, ...)``; tensors become flat vectors."""
@@ -314,7 +322,9 @@ def _with_ghosts(space: fem.FunctionSpace, ids: NDArray[np.int64]) -> NDArray[np
     return np.rint(numbers.x.array[::width]).astype(np.int64)
 
 
-def _assembled(parts: Sequence[tuple]) -> tuple[Array, dict[int, NDArray[np.int64]], dict[str, Array], Array]:
+def _assembled(
+    parts: Sequence[tuple[Any, ...]],
+) -> tuple[Array, dict[int, NDArray[np.int64]], dict[str, Array], Array]:
     """Put the parts of all ranks together, by node number."""
     count = sum(len(part[0]) for part in parts)
     points, reference = np.zeros((count, 3)), np.zeros((count, 3))

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
     from valvefsi.solid.loads import DeadLoad, Ramp, Tether
     from valvefsi.solid.materials import Material
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,16 +57,19 @@ class Discretisation:
     def __post_init__(self) -> None:
         if self.degree not in (1, 2):
             raise CaseError("expected 1 or 2", key="degree", value=self.degree)
-        if self.quadrature_degree is None:
-            object.__setattr__(self, "quadrature_degree", 2 * self.degree + 1)
-        if not 1 <= self.quadrature_degree <= 30:
+        if not 1 <= self.force_degree <= 30:
             raise CaseError("expected 1 to 30", key="quadrature_degree", value=self.quadrature_degree)
-        if not 1 <= (self.volumetric_degree or 1) <= self.quadrature_degree:
-            message = f"expected 1 to quadrature_degree = {self.quadrature_degree}"
+        if not 1 <= (self.volumetric_degree or 1) <= self.force_degree:
+            message = f"expected 1 to quadrature_degree = {self.force_degree}"
             raise CaseError(message, key="volumetric_degree", value=self.volumetric_degree)
         if self.volumetric_degree is not None and self.kappa is None:
             message = "it is the quadrature of what kappa adds to the bulk modulus of nu_stab; give kappa"
             raise CaseError(message, key="volumetric_degree", value=self.volumetric_degree)
+
+    @property
+    def force_degree(self) -> int:
+        """Degree of the quadrature of the elastic forces."""
+        return 2 * self.degree + 1 if self.quadrature_degree is None else self.quadrature_degree
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +147,7 @@ class Structure:
 
     def __init__(
         self,
-        mesh: object,
+        mesh: Mesh,
         material: Material,
         *,
         name: str = "solid",
@@ -168,7 +170,7 @@ class Structure:
         self._gaps: Gaps | None = None
         self._place_nodes()
         self._assemble_supports()
-        degree = discretisation.quadrature_degree
+        degree = discretisation.force_degree
         self.elasticity = Elasticity(self.space, material, self._volumetric_parts(), degree, mesh.fibres)
         self.viscosity = Viscosity(self.space, given.viscosity, degree) if given.viscosity > 0 else None
 
@@ -176,9 +178,9 @@ class Structure:
         """Return the volumetric energies and the degrees of their quadratures."""
         given = self.discretisation
         if given.volumetric_degree is None:
-            return [(self.volumetric, given.quadrature_degree)]
+            return [(self.volumetric, given.force_degree)]
         full = min(kappa_stab(self.material.shear_modulus, self.nu_stab), self.kappa)
-        parts = (full, given.quadrature_degree), (self.kappa - full, given.volumetric_degree)
+        parts = (full, given.force_degree), (self.kappa - full, given.volumetric_degree)
         return [(Volumetric(kappa=kappa, form=given.volumetric), degree) for kappa, degree in parts]
 
     def _place_nodes(self) -> None:
@@ -199,7 +201,7 @@ class Structure:
         self.weights, self.reference_volume = lumped_weights(self.space, self.mesh, None)
         self._spring, self._damper = np.zeros((n, 3)), np.zeros((n, 3))
         self._damper[:, : self.dim] = self.damping * self.weights[:, None]
-        self._tether_reports = []
+        self._tether_reports: list[SupportReport] = []
         self._moving: list[tuple[MovingTether, NDArray[np.intp], Array]] = []
         for tether in self.tethers:
             weights, measure = lumped_weights(self.space, self.mesh, tether.on)
@@ -213,7 +215,7 @@ class Structure:
             axes = tether.components if self.dim == 3 else tuple(c for c in tether.components if c != "z")
             self._tether_reports.append(SupportReport(tether.on, tether.stiffness, measure, axes))
         self._dead: list[tuple[Ramp, Array]] = []
-        self._load_reports = []
+        self._load_reports: list[SupportReport] = []
         for load in self.loads:
             self._add_load(load)
 
@@ -276,6 +278,11 @@ class Structure:
         """Return the elastic energy [erg] (collective)."""
         return self.elasticity.energy(chi)
 
+    def tether_energy(self, chi: Array) -> float:
+        """Return the energy of tethers whose anchors stay, at positions chi ``(n, 3)`` [erg] (collective)."""
+        here = 0.5 * float(np.sum(self._spring * (self.X - chi) ** 2))
+        return self.comm.allreduce(here)
+
     def node_at(self, X0: Sequence[float]) -> int:
         """Return the number of the node nearest to the reference position ``X0 (dim,)`` (collective)."""
         distance = np.linalg.norm(self.X[:, : self.dim] - np.asarray(X0, dtype=float)[: self.dim], axis=1)
@@ -295,8 +302,8 @@ class Structure:
         """Gather the deformed mesh for pictures.
 
         Returns:
-            On rank 0 the positions ``(num_nodes, 3)`` by node number, ``{VTK cell type: node numbers
-            (num_cells, k)}`` with the nodes in VTK's order, and the mean J of each cell; None on other ranks.
+            On rank 0 the positions ``(num_nodes, 3)`` by node number, node numbers ``(num_cells, k)`` by VTK cell
+            type with the nodes in VTK's order, and the mean J of each cell; None on other ranks.
             The order of the cells does not depend on the number of ranks.
 
         Note:

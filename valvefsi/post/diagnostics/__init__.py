@@ -13,7 +13,6 @@ from valvefsi.post.diagnostics.lines import line, sample_cells, sample_velocity
 from valvefsi.post.diagnostics.projected_area import projected_area
 from valvefsi.post.diagnostics.sections import Section, flow, mean_pressure
 from valvefsi.post.diagnostics.speeds import (
-    MPI,
     cell_velocity,
     fastest_place,
     kinetic_energy,
@@ -22,7 +21,6 @@ from valvefsi.post.diagnostics.speeds import (
 )
 
 __all__ = [
-    "MPI",
     "Averages",
     "ControlVolume",
     "Section",

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
 from valvefsi.post.diagnostics.speeds import cell_velocity
+from valvefsi.types import Array, Faces
 
 
 class Averages:
@@ -28,7 +29,8 @@ class Averages:
 
     def __init__(self, grid: MacGrid, start: float = 0.0) -> None:
         self.grid, self.start = grid, start
-        self.time, self.last = 0.0, None
+        self.time = 0.0
+        self.last: float | None = None
         self.mean = np.zeros((*grid.size, 3))
         self.pressure = np.zeros(grid.size)
         self._squares = np.zeros(grid.size)
@@ -72,4 +74,4 @@ class Averages:
         """Go on from what `fields` and `meta` were."""
         for name, array in self.fields().items():
             array[...] = fields[name]
-        self.time, self.last = meta["time"], meta["last"]
+        self.time, self.last = float(meta["time"] or 0.0), meta["last"]

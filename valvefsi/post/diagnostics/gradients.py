@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.grid import Array, Faces, MacGrid
-
-Slices = tuple[slice, slice, slice]
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces, Slices
 
 
 def _shift(place: Slices, axis: int, step: int) -> Slices:
-    return tuple(slice(s.start + step, s.stop + step) if a == axis else s for a, s in enumerate(place))
+    x, y, z = (slice(s.start + step, s.stop + step) if a == axis else s for a, s in enumerate(place))
+    return x, y, z
 
 
 def _along(values: Array, axis: int) -> Array:
@@ -25,9 +25,10 @@ def _along(values: Array, axis: int) -> Array:
 
 def _edges(grid: MacGrid, axes: tuple[int, int], *, upper: bool) -> Slices:
     """Local edges at the lower faces along two axes; with ``upper`` those on both ends of the owned cells."""
-    return tuple(
+    x, y, z = (
         slice(s.start, s.stop + int(upper and a in axes and a < grid.dim)) for a, s in enumerate(grid.owned)
     )
+    return x, y, z
 
 
 def _on_edges(grid: MacGrid, u: Faces, d: int, a: int, place: Slices) -> Array:
@@ -103,10 +104,11 @@ def enstrophy(grid: MacGrid, u: Faces) -> float:
 
 def _owned_edges(grid: MacGrid, axes: tuple[int, int]) -> Slices:
     """Local edges, each on one rank: at the lower faces of the owned cells, and on the upper sides."""
-    return tuple(
+    x, y, z = (
         slice(s.start, s.stop + int(a in axes and grid.is_last[a] and not grid.periodic[a]))
         for a, s in enumerate(grid.owned)
     )
+    return x, y, z
 
 
 def _edge_volumes(grid: MacGrid, axes: tuple[int, int], place: Slices) -> Array:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces, Indices, Mask
 
 
 def line(start: Sequence[float], end: Sequence[float], points: int) -> Array:
@@ -54,15 +55,16 @@ def _extrapolate(grid: MacGrid, q: Array, axis: int) -> None:
     """Set the layer beyond each side that is not periodic so that the field goes on straight, in place."""
     if grid.periodic[axis]:
         return
-    lead, own, x = (slice(None),) * axis, grid.owned[axis], grid.coordinates(axis, on_faces=False)
+    own, x = grid.owned[axis], grid.coordinates(axis, on_faces=False)
+    planes = np.moveaxis(q, axis, 0)
     ends = ((grid.is_first[axis], own.start, 1), (grid.is_last[axis], own.stop - 1, -1))
     for here, inside, step in ends:
         if here:
-            slope = (q[(*lead, inside + step)] - q[(*lead, inside)]) / (x[inside + step] - x[inside])
-            q[(*lead, inside - step)] = q[(*lead, inside)] + slope * (x[inside - step] - x[inside])
+            slope = (planes[inside + step] - planes[inside]) / (x[inside + step] - x[inside])
+            planes[inside - step] = planes[inside] + slope * (x[inside - step] - x[inside])
 
 
-def _owner(grid: MacGrid, points: Array) -> Array:
+def _owner(grid: MacGrid, points: Array) -> Mask:
     """Which points are in this rank's part of the box; one rank owns each."""
     mine = np.ones(len(points), dtype=bool)
     for a in range(grid.dim):
@@ -74,7 +76,7 @@ def _owner(grid: MacGrid, points: Array) -> Array:
 
 def _interpolate(grid: MacGrid, q: Array, points: Array, d: int | None) -> Array:
     """Linear interpolation of a local array of cells (None) or of the faces of component d."""
-    corners = [(np.ones(len(points)), ())]
+    corners: list[tuple[Array, tuple[Indices, ...]]] = [(np.ones(len(points)), ())]
     for a in range(3):
         if a >= grid.dim:
             corners = [(w, (*index, np.zeros(len(points), dtype=int))) for w, index in corners]
@@ -85,4 +87,7 @@ def _interpolate(grid: MacGrid, q: Array, points: Array, d: int | None) -> Array
         corners = [
             (w * part, (*index, k + up)) for w, index in corners for up, part in ((0, 1.0 - s), (1, s))
         ]
-    return sum(w * q[index] for w, index in corners)
+    values = np.zeros(len(points))
+    for w, index in corners:
+        values += w * q[index]
+    return values

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from valvefsi.grid import Array
+from valvefsi.types import Array
 
 DIRECTIONS = (0.3127, 0.3127 + 1.9416)
 """Angles of the two families of scan lines [rad], no multiple of a mesh's likely symmetries."""
@@ -125,7 +125,7 @@ def open_image(
         index is upwards from -R to R, the second to the right (``imshow`` with ``origin="lower"``).
     """
     step = 2 * radius / pixels
-    middles = -radius + step * (np.arange(pixels) + 0.5)
+    middles = -radius + step * (np.arange(pixels, dtype=float) + 0.5)
     row, left, right = _intervals(_corners(points, triangles, axis, centre)[..., :2], middles)
     first = np.clip(np.ceil((left - middles[0]) / step - 1e-9), 0, pixels).astype(np.int64)
     stop = np.clip(np.floor((right - middles[0]) / step + 1e-9) + 1, 0, pixels).astype(np.int64)

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.grid import Array, Faces, MacGrid
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array, Faces
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+
+from valvefsi.io.folder import replacing
+from valvefsi.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,11 +59,11 @@ class PlaneFlow:
         pressure: Pressure, drawn in place of the speed if given, ``(nx, ny)`` [dyn/cm^2].
     """
 
-    x: NDArray
-    y: NDArray
-    u: NDArray
-    v: NDArray
-    pressure: NDArray | None = None
+    x: Array
+    y: Array
+    u: Array
+    v: Array
+    pressure: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,13 +77,13 @@ class PlaneSolid:
         outline: Reference outline, closed, ``(n, 2)`` [cm]; drawn dashed if given.
     """
 
-    points: NDArray
-    cells: Mapping[int, NDArray]
-    J: NDArray
-    outline: NDArray | None = None
+    points: Array
+    cells: Mapping[int, Array]
+    J: Array
+    outline: Array | None = None
 
     @property
-    def polygons(self) -> list[NDArray]:
+    def polygons(self) -> list[Array]:
         """Corners of each cell."""
         return [
             self.points[nodes[:, : CORNERS[int(kind)]], :2]
@@ -260,7 +262,7 @@ def _round_up(value: float) -> float:
     return float(next(k * power for k in steps if k * power >= value * (1 - 1e-9)))
 
 
-def _draw_history(axes: Axes, t: NDArray, panel: Series) -> None:
+def _draw_history(axes: Axes, t: Array, panel: Series) -> None:
     if panel.reference is not None:
         axes.axhline(panel.reference, color=INK, linewidth=1.1, dashes=(5, 3), zorder=2)
         text = f"{panel.reference_label}\n{panel.reference:.5g}"
@@ -281,7 +283,8 @@ def _bar(figure: Figure, place: tuple[float, ...], mappable: ScalarMappable, lab
     bar.set_label(label, labelpad=3)
     bar.outline.set_visible(False)
     bar.ax.tick_params(length=2.5, labelsize=8.5)
-    ticks = np.linspace(*mappable.get_clim(), 5)
+    low, high = mappable.get_clim()
+    ticks = np.linspace(low, high, 5)
     bar.set_ticks(ticks, labels=[f"{tick:.6g}" for tick in ticks])
 
 
@@ -290,7 +293,7 @@ def _headings(figure: Figure, x: float, top: float, title: str, caption: str, he
     figure.text(x, top + 0.14 / height, caption, fontsize=9.5, color=MUTED, va="baseline")
 
 
-def _ends(centres: NDArray) -> tuple[float, float]:
+def _ends(centres: Array) -> tuple[float, float]:
     """Return the ends of an axis from its cell centres."""
     half = (centres[1] - centres[0]) / 2
     return float(centres[0] - half), float(centres[-1] + half)
@@ -314,5 +317,6 @@ def saved(figure: Figure, path: Path) -> Path:
     """Write a figure, its folder too, and return where it is."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    with replacing(path) as temporary:
+        figure.savefig(temporary)
     return path

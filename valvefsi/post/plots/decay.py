@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, saved
+from valvefsi.types import Array
 
 
 def decay(
     path: Path,
-    curves: tuple[NDArray, NDArray, NDArray, NDArray],
-    published: tuple[NDArray, NDArray, NDArray] | None,
+    curves: tuple[Array, Array, Array, Array],
+    published: tuple[Array, Array, Array] | None,
     *,
     title: str = "",
     source: str = "published",
@@ -51,7 +52,7 @@ def decay(
 
 def forces(
     path: Path,
-    curves: tuple[NDArray, NDArray, NDArray],
+    curves: tuple[Array, Array, Array],
     ranges: dict[str, tuple[float, float]],
     *,
     title: str = "",
@@ -89,7 +90,7 @@ def forces(
         return saved(figure, path)
 
 
-def profiles(path: Path, curves: dict[str, list], *, title: str = "") -> Path:
+def profiles(path: Path, curves: dict[str, list[Any]], *, title: str = "") -> Path:
     """Draw velocity profiles across a channel, one panel for each flow.
 
     Args:
@@ -122,7 +123,7 @@ def profiles(path: Path, curves: dict[str, list], *, title: str = "") -> Path:
 
 def centre_lines(
     path: Path,
-    curves: dict[str, tuple[NDArray, NDArray]],
+    curves: dict[str, tuple[Array, Array]],
     known: dict[str, tuple[tuple[float, float], ...]],
     *,
     title: str = "",
@@ -152,7 +153,7 @@ def centre_lines(
         return saved(figure, path)
 
 
-def leak(path: Path, t: NDArray, flow: NDArray, late: float, *, title: str = "") -> Path:
+def leak(path: Path, t: Array, flow: Array, late: float, *, title: str = "") -> Path:
     """Draw a leak over time, its size on a logarithmic axis, and its running mean.
 
     Args:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+
+from valvefsi.types import Array
 
 
-def fibre_picture(
-    path: str | Path, points: NDArray[np.float64], vectors: NDArray[np.float64], *, title: str = ""
-) -> Path:
+def fibre_picture(path: str | Path, points: Array, vectors: Array, *, title: str = "") -> Path:
     """Draw fibres, in space where they are not in one plane; off screen.
 
     Args:

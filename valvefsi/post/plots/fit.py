@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
+from valvefsi.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,10 +32,10 @@ class Curve:
     """
 
     name: str
-    x: NDArray
-    data: NDArray
-    curve: NDArray
-    band: NDArray | None = None
+    x: Array
+    data: Array
+    curve: Array
+    band: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +71,8 @@ class ProfilePanel:
 
     name: str
     unit: str
-    values: NDArray
-    costs: NDArray
+    values: Array
+    costs: Array
     threshold: float
     best: float
     interval: tuple[float, float]

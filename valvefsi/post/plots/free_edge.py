@@ -19,14 +19,15 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
+
+    from valvefsi.types import Array, Indices
 
 MOST = 12
 """Most moments that one end view holds."""
 
 
 def free_edges(
-    path: Path, edges: Mapping[str, NDArray], *, radius: float, title: str = "", caption: str = ""
+    path: Path, edges: Mapping[str, Array], *, radius: float, title: str = "", caption: str = ""
 ) -> Path:
     """Draw the free edges end on while the valve opens and while it closes, and where their middles are over time.
 
@@ -64,7 +65,7 @@ def free_edges(
         return saved(figure, path)
 
 
-def _chosen(edges: Mapping[str, NDArray], part: NDArray) -> NDArray:
+def _chosen(edges: Mapping[str, Array], part: Indices) -> Indices:
     """At most so many moments of a part, evenly along the way that the edges' middles go."""
     if len(part) <= MOST:
         return part
@@ -74,7 +75,7 @@ def _chosen(edges: Mapping[str, NDArray], part: NDArray) -> NDArray:
     return part[np.unique(near)]
 
 
-def _end_on(figure: Figure, axes: Axes, edges: Mapping[str, NDArray], chosen: NDArray, radius: float) -> None:
+def _end_on(figure: Figure, axes: Axes, edges: Mapping[str, Array], chosen: Indices, radius: float) -> None:
     """Draw the edges of some moments in one view, coloured by their order."""
     t = np.asarray(edges["t"])[chosen]
     span, colours = Normalize(0, max(len(chosen) - 1, 1)), mpl.colormaps["viridis_r"]

@@ -120,7 +120,7 @@ def _draw(axes: Axes, panel: Panel, *, legend: bool) -> None:
     for axis in panel.log:
         getattr(axes, f"set_{axis}scale")("log")
     if "x" in panel.log:
-        ticks = sorted({float(x) for line in panel.lines for x in line.x})
+        ticks = sorted({float(x) for line in panel.lines for x in np.ravel(np.asarray(line.x, dtype=float))})
         axes.xaxis.set_minor_locator(NullLocator())
         axes.set_xticks(ticks, labels=[f"{x:g}" for x in ticks])
     axes.set_xlabel(panel.xlabel)

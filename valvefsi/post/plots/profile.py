@@ -15,16 +15,18 @@ from valvefsi.post.plots.base import LINES, MUTED, STYLE, headings, plain, saved
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
+    from matplotlib.axes import Axes
 
-    Profile = Mapping[str, NDArray]
+    from valvefsi.types import Array
+
+    Profile = Mapping[str, Array]
 
 TKE = "tke_cm2_per_s2"
 ACROSS = 4
 """Most panels beside one another."""
 
 
-def read_profiles(folder: Path) -> dict[str, dict[str, NDArray]]:
+def read_profiles(folder: Path) -> dict[str, dict[str, Array]]:
     """Return the profiles in a folder by name, their columns by name."""
     found = {}
     for path in sorted(Path(folder).glob("*.csv")):
@@ -90,7 +92,7 @@ def _range(profiles: Mapping[str, Profile], column: str) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _panel(axes: object, columns: Profile, column: str, limits: tuple[float, float]) -> None:
+def _panel(axes: Axes, columns: Profile, column: str, limits: tuple[float, float]) -> None:
     colour = LINES[1] if column == TKE else LINES[0]
     axes.plot(_along(columns)[1], columns[column], color=colour, linewidth=1.5)
     axes.axhline(0.0, color=MUTED, linewidth=0.7, zorder=1)
@@ -99,7 +101,7 @@ def _panel(axes: object, columns: Profile, column: str, limits: tuple[float, flo
     plain(axes)
 
 
-def _along(columns: Profile) -> tuple[str, NDArray]:
+def _along(columns: Profile) -> tuple[str, Array]:
     """Name and values of the coordinate along a line; the distance where more than one changes."""
     moving = [axis for axis in "xyz" if f"{axis}_cm" in columns and np.ptp(columns[f"{axis}_cm"]) > 1e-9]
     return (moving[0], columns[f"{moving[0]}_cm"]) if len(moving) == 1 else ("s", columns["s_cm"])

@@ -10,12 +10,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from valvefsi.errors import CaseError
 from valvefsi.io.grid_files import GridFields
 from valvefsi.io.solid_body import CORNERS, Body, outer_faces
 from valvefsi.post.plots.base import INK, MUTED, STYLE, saved
+from valvefsi.types import Array
 
 DERIVED = {
     "speed": "cm/s",
@@ -62,9 +62,9 @@ class Slice:
         unit: Its unit.
     """
 
-    x: NDArray
-    y: NDArray
-    values: NDArray
+    x: Array
+    y: Array
+    values: Array
     axes: tuple[str, str]
     name: str
     unit: str
@@ -102,7 +102,7 @@ def cut(grid: GridFields, plane: Plane, name: str) -> Slice:
     )
 
 
-def field_of(grid: GridFields, name: str, axis: int = 2) -> tuple[NDArray, str]:
+def field_of(grid: GridFields, name: str, axis: int = 2) -> tuple[Array, str]:
     """Return a scalar field by name and its unit, ``(nx, ny, nz)``.
 
     ``vorticity`` is its component along ``axis``; derivatives are centred differences between the cells' centres.
@@ -135,7 +135,7 @@ def field_of(grid: GridFields, name: str, axis: int = 2) -> tuple[NDArray, str]:
     raise CaseError(f"expected one of {', '.join(scalars + vectors + derived)}", key="--field", value=name)
 
 
-def _gradient(grid: GridFields) -> NDArray:
+def _gradient(grid: GridFields) -> Array:
     """du_i/dx_j in the cells, ``(nx, ny, nz, 3, 3)`` [1/s]."""
     u = grid.fields["velocity"].astype(float)
     G = np.zeros((*u.shape, 3))
@@ -145,20 +145,20 @@ def _gradient(grid: GridFields) -> NDArray:
     return G
 
 
-def outline(body: Body, plane: Plane, dim: int) -> list[NDArray]:
+def outline(body: Body, plane: Plane, dim: int) -> list[Array]:
     """Return where a plane cuts a solid's surface, segments ``(2, 2)``; polygons of a flat solid [cm]."""
     if dim == 2:
         return [
             body.points[nodes[: CORNERS[kind]], :2] for kind, block in body.cells.items() for nodes in block
         ]
-    segments: list[NDArray] = []
+    segments: list[Array] = []
     kept = [k for k in range(3) if k != plane.axis]
     for faces in outer_faces(body):
         segments += list(_cut_faces(body.points[faces], plane, kept))
     return segments
 
 
-def _cut_faces(corners: NDArray, plane: Plane, kept: Sequence[int]) -> NDArray:
+def _cut_faces(corners: Array, plane: Plane, kept: Sequence[int]) -> Array:
     """Segments in which a plane cuts polygons ``(n, k, 3)``, ``(m, 2, 2)``."""
     height = corners[..., plane.axis] - plane.position
     following, above = np.roll(corners, -1, axis=1), np.roll(height, -1, axis=1)
@@ -177,8 +177,8 @@ def draw_slice(
     path: Path,
     found: Slice,
     *,
-    solids: Sequence[Sequence[NDArray]] = (),
-    lines: Sequence[NDArray] = (),
+    solids: Sequence[Sequence[Array]] = (),
+    lines: Sequence[Array] = (),
     limits: tuple[float, float] | None = None,
     title: str = "",
     caption: str = "",
@@ -232,7 +232,7 @@ def draw_slice(
         return saved(figure, path)
 
 
-def scale_of(values: NDArray) -> tuple[float, float]:
+def scale_of(values: Array) -> tuple[float, float]:
     """Return the ends of a scale: all but the outermost half per cent, even about 0 where the field has both signs."""
     low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
     if low < 0 < high and min(-low, high) > 0.02 * max(-low, high):

@@ -10,7 +10,6 @@ from __future__ import annotations
 import ctypes
 import importlib.util
 import os
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,11 +22,12 @@ from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from valvefsi.errors import CaseError
+from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import CORNERS, Body, outer_faces, read_body
 from valvefsi.post.plots.base import DILATION, INK, STYLE, headings, saved
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from valvefsi.types import Array, Indices
 
 HEAT = mpl.colormaps["viridis"]
 
@@ -106,7 +106,7 @@ def draw_folder(folder: Path, out: Path, *, field: str | None = None, t: float |
         except CaseError as error:  # another series beside it may have the field
             without = error
             continue
-        name = "".join(c if c.isalnum() else "_" for c in body.shown.split(" [")[0])
+        name = "".join(c if c.isalnum() else "_" for c in str(body.shown).split(" [")[0])
         caption = file.name if when is None else f"t = {when:.6g} s"
         made.append(deformed(out / f"{path.stem}_{name}.png", body, title=path.stem, caption=caption))
     if not made and without is not None:
@@ -118,7 +118,7 @@ def draw_folder(folder: Path, out: Path, *, field: str | None = None, t: float |
 
 def _at_time(path: Path, t: float | None) -> tuple[float | None, Path | None]:
     """Return time and file of the entry of a series nearest to t, its last one for None."""
-    entries = [(float(e.get("timestep")), e.get("file")) for e in ET.parse(path).getroot().iter("DataSet")]
+    entries = read_times(path)
     if not entries:
         return None, None
     when, file = entries[-1] if t is None else min(entries, key=lambda entry: abs(entry[0] - t))
@@ -137,7 +137,7 @@ def _field(body: Body, asked: str | None, file: Path) -> str:
     )
 
 
-def _scale(name: str, values: NDArray) -> ScalarMappable:
+def _scale(name: str, values: Array) -> ScalarMappable:
     """Return the colour scale of a field; J and stretches diverge about 1."""
     low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
     if name.startswith("J") or "stretch" in name:
@@ -148,11 +148,11 @@ def _scale(name: str, values: NDArray) -> ScalarMappable:
     return ScalarMappable(Normalize(low, high), HEAT)
 
 
-def _corner_cells(body: Body) -> list[NDArray]:
+def _corner_cells(body: Body) -> list[Indices]:
     return [np.asarray(nodes)[:, : CORNERS[int(kind)]] for kind, nodes in body.cells.items() if len(nodes)]
 
 
-def _plane(body: Body, values: NDArray, scale: ScalarMappable) -> Figure:
+def _plane(body: Body, values: Array, scale: ScalarMappable) -> Figure:
     """Draw a plane body with smooth colours, its mesh and its reference outline."""
     low, high = body.points[:, :2].min(axis=0), body.points[:, :2].max(axis=0)
     if body.reference is not None:
@@ -181,7 +181,7 @@ def _plane(body: Body, values: NDArray, scale: ScalarMappable) -> Figure:
     return figure
 
 
-def _outline(body: Body) -> NDArray:
+def _outline(body: Body) -> Array:
     """Return the edges of a plane body that belong to one cell only, ``(num_edges, 2)``."""
     edges = np.concatenate(
         [
@@ -193,7 +193,7 @@ def _outline(body: Body) -> NDArray:
     return edges[first[count == 1]]
 
 
-def _render(body: Body, name: str, values: NDArray, scale: ScalarMappable) -> NDArray:
+def _render(body: Body, name: str, values: Array, scale: ScalarMappable) -> Array:
     """Render a body in space off screen; return the image."""
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", _off_screen_window() or "")
     import pyvista
@@ -249,7 +249,7 @@ def _view(body: Body) -> tuple[list[tuple[float, ...]], tuple[int, int], float]:
     return [tuple(middle + 10 * extent.max() * way), tuple(middle), tuple(up)], size, half
 
 
-def _framed(image: NDArray) -> Figure:
+def _framed(image: Array) -> Figure:
     """Put an image into a figure with room for headings and a colour bar, its white margins cut off."""
     ink = np.argwhere((image < 250).any(axis=2))
     top, left = np.maximum(ink.min(axis=0) - 12, 0)
@@ -265,7 +265,7 @@ def _framed(image: NDArray) -> Figure:
     return figure
 
 
-def _plain_space(body: Body, values: NDArray, scale: ScalarMappable) -> Figure:
+def _plain_space(body: Body, values: Array, scale: ScalarMappable) -> Figure:
     """Draw the surface of a body in space with matplotlib."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -288,6 +288,7 @@ def _bar(figure: Figure, scale: ScalarMappable, label: str) -> None:
     bar = figure.colorbar(scale, cax=figure.add_axes(place), orientation="horizontal")
     bar.set_label(label.replace("^2", "$^2$"), labelpad=3)
     bar.outline.set_visible(False)
-    ticks = np.linspace(*scale.get_clim(), 5)
+    low, high = scale.get_clim()
+    ticks = np.linspace(low, high, 5)
     bar.set_ticks(ticks, labels=[f"{tick:.4g}" for tick in ticks])
     bar.ax.tick_params(length=2.5, labelsize=8.5)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, saved
+from valvefsi.types import Array
 
 
-def start_up_flow(path: Path, curves: tuple[NDArray, NDArray, NDArray, NDArray], *, title: str = "") -> Path:
+def start_up_flow(path: Path, curves: tuple[Array, Array, Array, Array], *, title: str = "") -> Path:
     """Draw a flow over time with its closed form, and its error below.
 
     Args:

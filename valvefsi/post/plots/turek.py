@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -14,7 +14,7 @@ from matplotlib.patches import Circle
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from valvefsi.types import Array
 
 NAMES = {"ux": "ux(A) [mm]", "uy": "uy(A) [mm]", "drag": "drag [N/m]", "lift": "lift [N/m]"}
 SPAN = (5.0, 110.0)
@@ -25,8 +25,8 @@ LAST = 5.0
 
 def histories(
     path: Path,
-    t: NDArray,
-    signals: Mapping[str, NDArray],
+    t: Array,
+    signals: Mapping[str, Array],
     known: Mapping[str, tuple[float, float, float]],
     *,
     title: str = "",
@@ -72,7 +72,7 @@ def histories(
         return saved(figure, path)
 
 
-def _span(x: NDArray, known: tuple[float, float, float] | None) -> tuple[float, float]:
+def _span(x: Array, known: tuple[float, float, float] | None) -> tuple[float, float]:
     ends = [float(x.min()), float(x.max())]
     if known is not None:
         ends += [known[0] - known[1], known[0] + known[1]]
@@ -82,7 +82,7 @@ def _span(x: NDArray, known: tuple[float, float, float] | None) -> tuple[float, 
 
 def vorticity(
     path: Path,
-    snapshots: Sequence[Mapping[str, object]],
+    snapshots: Sequence[Mapping[str, Any]],
     body: tuple[float, float, float],
     *,
     scale: float,

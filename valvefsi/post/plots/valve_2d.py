@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from valvefsi.types import Array
 
 SPAN = (1.0, 5.0)
 """Stretch of the channel that is drawn [cm]."""
@@ -21,7 +21,7 @@ SPAN = (1.0, 5.0)
 
 def tips(
     path: Path,
-    history: Mapping[str, NDArray],
+    history: Mapping[str, Array],
     known: Mapping[str, tuple[float, tuple[float, float]]],
     title: str = "",
 ) -> Path:
@@ -65,7 +65,7 @@ def tips(
         return saved(figure, path)
 
 
-def in_the_flow(path: Path, snapshots: Sequence[Mapping[str, object]], *, title: str = "") -> Path:
+def in_the_flow(path: Path, snapshots: Sequence[Mapping[str, Any]], *, title: str = "") -> Path:
     """Draw leaflets over the speed of the flow at several times, one under the other.
 
     Args:

@@ -19,7 +19,8 @@ from valvefsi.units import MMHG
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
+
+    from valvefsi.types import Array
 
 CURVES = {
     "p_lv": ("$P_\\mathrm{LV}$", LINES[1], MMHG),
@@ -32,7 +33,7 @@ SHADE, LUMEN, EDGE, RING = "#eaf1f6", "#2b4257", "#fffaf0", "#c9d3db"
 LEAFLETS = ("#e3b5a2", "#a9c4de", "#b9d6ae")
 
 
-def valve_waveforms(path: Path, waves: Mapping[str, NDArray], *, title: str = "", caption: str = "") -> Path:
+def valve_waveforms(path: Path, waves: Mapping[str, Array], *, title: str = "", caption: str = "") -> Path:
     """Draw pressures, flow and open area over time, one above the other.
 
     Args:
@@ -73,7 +74,7 @@ def valve_waveforms(path: Path, waves: Mapping[str, NDArray], *, title: str = ""
         return saved(figure, path)
 
 
-def _panel(axes: Axes, waves: Mapping[str, NDArray], names: Sequence[str]) -> None:
+def _panel(axes: Axes, waves: Mapping[str, Array], names: Sequence[str]) -> None:
     """Draw waveforms of one unit, with the measurements over them."""
     for start, end in np.atleast_2d(waves.get("forward", np.zeros((0, 2)))):
         axes.axvspan(start, end, color=SHADE, linewidth=0, zorder=0)
@@ -107,9 +108,9 @@ def _legends(rows: Sequence[Axes]) -> None:
             axes.legend(frameon=False, fontsize=8.5, loc="upper right")
 
 
-def _difference(axes: Axes, waves: Mapping[str, NDArray]) -> None:
+def _difference(axes: Axes, waves: Mapping[str, Array]) -> None:
     """Fill between the pressures where their difference counts as positive."""
-    label = "positive difference"
+    label: str | None = "positive difference"
     for start, end in np.atleast_2d(waves["positive"]):
         t = np.unique(np.concatenate([[start, end], waves["t"][(waves["t"] > start) & (waves["t"] < end)]]))
         above, below = (np.interp(t, waves["t"], waves[name]) / MMHG for name in ("p_lv", "p_ao"))
@@ -118,7 +119,7 @@ def _difference(axes: Axes, waves: Mapping[str, NDArray]) -> None:
 
 
 def valve_end_views(
-    path: Path, views: Sequence[Mapping[str, NDArray]], *, radius: float, title: str = "", caption: str = ""
+    path: Path, views: Sequence[Mapping[str, Array]], *, radius: float, title: str = "", caption: str = ""
 ) -> Path:
     """Draw the leaflets end on, as a camera downstream sees them; what is dark is open.
 
@@ -152,7 +153,7 @@ def valve_end_views(
         return saved(figure, path)
 
 
-def _end_view(axes: Axes, view: Mapping[str, NDArray], radius: float, reach: float) -> None:
+def _end_view(axes: Axes, view: Mapping[str, Array], radius: float, reach: float) -> None:
     """Draw one moment: orifice, leaflets from the farthest triangle to the nearest, free edges, ring."""
     xyz, triangles = np.asarray(view["xyz"]), np.asarray(view["triangles"], dtype=int).reshape(-1, 3)
     axes.add_patch(Circle((0, 0), radius, facecolor=LUMEN, edgecolor="none", zorder=1))
@@ -181,7 +182,7 @@ def _end_view(axes: Axes, view: Mapping[str, NDArray], radius: float, reach: flo
     axes.text(0, -1.05 * reach, "   ".join(text), ha="center", va="top", fontsize=9)
 
 
-def _lit(corners: NDArray, owner: NDArray) -> NDArray:
+def _lit(corners: Array, owner: Array) -> Array:
     """Colours of the triangles, lighter where they face a lamp up and to the left of the viewer."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal = normal * np.where(normal[:, 2:] < 0, -1.0, 1.0)

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
+from valvefsi.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,12 +33,12 @@ class CircuitPicture:
         caption: Second line under it.
     """
 
-    t: NDArray
-    data: NDArray
-    curve: NDArray
-    band: NDArray | None = None
+    t: Array
+    data: Array
+    curve: Array
+    band: Array | None = None
     output: str
-    inputs: Mapping[str, NDArray] = field(default_factory=dict)
+    inputs: Mapping[str, Array] = field(default_factory=dict)
     title: str = ""
     caption: str = ""
 
@@ -77,7 +78,7 @@ def _draw_inputs(axes: Axes, picture: CircuitPicture) -> None:
     flows = {name: y for name, y in picture.inputs.items() if name.startswith("$Q")}
     pressures = {name: y for name, y in picture.inputs.items() if name not in flows}
     right = axes.twinx() if flows and pressures else axes
-    drawn = []
+    drawn: list[Line2D] = []
     for target, group, unit in ((axes, flows, "flow [ml/s]"), (right, pressures, "pressure [mmHg]")):
         for name, y in group.items():
             colour = LINES[(2 + len(drawn)) % len(LINES)]

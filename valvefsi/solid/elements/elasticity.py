@@ -19,9 +19,8 @@ from valvefsi.solid.materials.kinematics import Kinematics
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from valvefsi.solid.materials import Material, Volumetric
+    from valvefsi.types import Array
 
 
 class Elasticity:
@@ -81,7 +80,7 @@ class Elasticity:
         exact = ufl.dx(domain=self.mesh, degree=self.dim * degree)
         self._volume_form = compat.compile_form(J * exact)
 
-    def set_position(self, chi: NDArray[np.float64]) -> None:
+    def set_position(self, chi: Array) -> None:
         """Take ``chi`` ``(n, 3)`` [cm] of the owned nodes as the current position (collective)."""
         n, dim = self._num_owned, self.dim
         array = self.position.x.array
@@ -89,7 +88,7 @@ class Elasticity:
         if self._parallel:
             self.position.x.scatter_forward()
 
-    def force(self, chi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def force(self, chi: Array) -> Array:
         """Return the elastic nodal forces at ``chi``.
 
         Args:
@@ -109,17 +108,17 @@ class Elasticity:
             self._residual.scatter_reverse(la.InsertMode.add)
         return array[: self._num_owned * self.dim].reshape(self._num_owned, self.dim)
 
-    def energy(self, chi: NDArray[np.float64]) -> float:
+    def energy(self, chi: Array) -> float:
         """Return the elastic energy, integral of W + U dX, at ``chi`` ``(n, 3)`` [erg] (collective)."""
         self.set_position(chi)
         return self.mesh.comm.allreduce(fem.assemble_scalar(self._energy_form))
 
-    def jacobian(self, chi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def jacobian(self, chi: Array) -> Array:
         """Return J at the quadrature points of owned cells, ``(num_cells, num_points)`` (collective)."""
         self.set_position(chi)
         return compat.evaluate(self._J, self.mesh, np.arange(self._num_cells, dtype=np.int32))
 
-    def volume(self, chi: NDArray[np.float64]) -> float:
+    def volume(self, chi: Array) -> float:
         """Return the volume, the exact integral of J dX [cm^3; cm^2 in two dimensions] (collective)."""
         self.set_position(chi)
         return self.mesh.comm.allreduce(fem.assemble_scalar(self._volume_form))

@@ -12,7 +12,7 @@ import math
 import numba
 import numpy as np
 
-Array = np.ndarray
+from valvefsi.types import Array
 
 
 # F = sum_k chi_k (x) g_k,   f_k -= V P g_k,   H = F^-T, L = J^(-2/3),

@@ -18,11 +18,8 @@ from valvefsi.solid.materials.fibres import at_midpoints
 from valvefsi.solid.materials.kinematics import Kinematics
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from valvefsi.solid.structure import Structure
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 class HgoLoop:
@@ -37,12 +34,11 @@ class HgoLoop:
 
     def __init__(self, solid: Structure) -> None:
         linear = solid.mesh.mesh.basix_cell().name == "tetrahedron" and solid.discretisation.degree == 1
-        cornered = isinstance(solid.material, HGO) and solid.material.width == 0
-        fits = linear and cornered and solid.volumetric.form == "log"
-        if not fits or solid.comm.size > 1:
+        material = solid.material
+        fits = linear and solid.volumetric.form == "log" and solid.comm.size == 1
+        if not fits or not isinstance(material, HGO) or material.width != 0:
             message = 'the loop is for linear tetrahedra of "hgo" with "log" on one rank'
             raise CaseError(message, key="solid", value=solid.name)
-        material: HGO = solid.material
         self.cells = np.ascontiguousarray(solid.space.dofmap.list)
         points = solid.mesh.mesh.geometry.x[compat.geometry_nodes(solid.mesh.mesh)]
         self.gradients, self.volumes = tetrahedra(solid.X[self.cells])

@@ -12,9 +12,8 @@ from mpi4py import MPI
 
 if TYPE_CHECKING:
     from dolfinx import fem
-    from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 
 class Gaps:
@@ -27,13 +26,13 @@ class Gaps:
     def __init__(self, space: fem.FunctionSpace) -> None:
         mesh = space.mesh
         on = space.element.basix_element.entity_dofs
-        local = []
+        local: list[tuple[int, int]] = []
         for number, ends in enumerate(basix.topology(mesh.basix_cell())[1]):
             a, b = (on[0][vertex][0] for vertex in ends)
             chain = [a, *on[1][number], b]
             local += itertools.pairwise(chain)
         cells = mesh.topology.index_map(mesh.topology.dim).size_local
-        pairs = np.array(space.dofmap.list[:cells])[:, np.array(local)].reshape(-1, 2)
+        pairs = np.array(space.dofmap.list[:cells])[:, np.array(local, dtype=np.intp)].reshape(-1, 2)
         self.pairs = np.unique(np.sort(pairs, axis=1), axis=0)
         self.comm = mesh.comm
         index_map = space.dofmap.index_map

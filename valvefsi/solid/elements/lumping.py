@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
@@ -17,12 +15,12 @@ from valvefsi.errors import CaseError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from valvefsi.types import Array, Mesh
 
 
 def lumped_weights(
-    space: fem.FunctionSpace, mesh: object, names: Sequence[str] | None, *, positive: bool = True
-) -> tuple[NDArray[np.float64], float]:
+    space: fem.FunctionSpace, mesh: Mesh, names: Sequence[str] | None, *, positive: bool = True
+) -> tuple[Array, float]:
     """Integrate the shape functions over tagged facets or cells.
 
     Degree 1, or ``positive`` off: w_k = integral phi_k, consistent with a constant traction. Degree 2: the
@@ -50,7 +48,9 @@ def lumped_weights(
     weights = _row_sums(space, dm)
     total = comm.allreduce(weights.sum())
     if not total > 0:
-        raise CaseError("no cell or outer facet has this tag", file=mesh.source, key="on", value=list(names))
+        raise CaseError(
+            "no cell or outer facet has this tag", file=mesh.source, key="on", value=list(names or ())
+        )
     if positive and degree > 1:
         weights = _mass_diagonal(space, dm)
         weights *= total / comm.allreduce(weights.sum())
@@ -64,14 +64,14 @@ def surface_area(space: fem.FunctionSpace) -> float:
     return float(space.mesh.comm.allreduce(_row_sums(space, ds).sum()))
 
 
-def _measure(space: fem.FunctionSpace, mesh: object, names: Sequence[str] | None) -> ufl.Measure:
+def _measure(space: fem.FunctionSpace, mesh: Mesh, names: Sequence[str] | None) -> ufl.Measure:
     """Return the UFL measure of the tagged facets or cells."""
     degree = 2 * space.ufl_element().degree
     if names is None:
         return ufl.Measure("dx", domain=space.mesh, metadata={"quadrature_degree": degree})
     dims, tags = zip(*(mesh.tag(name) for name in names), strict=True)
     if len(set(dims)) > 1:
-        raise CaseError("expected only cells or only facets", key="on", value=list(names))
+        raise CaseError("expected only cells or only facets", key="on", value=list(names or ()))
     cells = dims[0] == space.mesh.topology.dim
     data = mesh.cell_tags if cells else mesh.facet_tags
     measure = ufl.Measure(
@@ -83,7 +83,7 @@ def _measure(space: fem.FunctionSpace, mesh: object, names: Sequence[str] | None
     return measure(tuple(tags))
 
 
-def _row_sums(space: fem.FunctionSpace, dm: ufl.Measure) -> NDArray[np.float64]:
+def _row_sums(space: fem.FunctionSpace, dm: ufl.Measure) -> Array:
     """Assemble integral phi_k of the owned nodes, from the first component of the vector space."""
     form = compat.compile_form(ufl.TestFunction(space)[0] * dm)
     vector = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
@@ -93,7 +93,7 @@ def _row_sums(space: fem.FunctionSpace, dm: ufl.Measure) -> NDArray[np.float64]:
     return _first_component(vector.array, space)
 
 
-def _mass_diagonal(space: fem.FunctionSpace, dm: ufl.Measure) -> NDArray[np.float64]:
+def _mass_diagonal(space: fem.FunctionSpace, dm: ufl.Measure) -> Array:
     """Assemble the diagonal of the mass matrix, integral phi_k^2, of the owned nodes."""
     form = compat.compile_form(ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * dm)
     matrix = fem.assemble_matrix(form)
@@ -101,7 +101,7 @@ def _mass_diagonal(space: fem.FunctionSpace, dm: ufl.Measure) -> NDArray[np.floa
     return _first_component(matrix.to_scipy().diagonal(), space)
 
 
-def _first_component(array: NDArray[np.float64], space: fem.FunctionSpace) -> NDArray[np.float64]:
+def _first_component(array: Array, space: fem.FunctionSpace) -> Array:
     """Take the first component of the owned nodes."""
     dim = space.dofmap.index_map_bs
     return array[: space.dofmap.index_map.size_local * dim : dim].copy()

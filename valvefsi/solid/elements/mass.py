@@ -9,7 +9,7 @@ three components at once, which PETSc's solvers do not.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import scipy.sparse
@@ -21,7 +21,7 @@ from valvefsi.solid.elements import mass_kernels
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array
 
 TOLERANCE = 1e-13
 """Relative error in the L2 norm of the body, as the residual in the norm of the preconditioner estimates it."""
@@ -32,6 +32,25 @@ SLOW = 0.01
 """Ratio of the errors before and after a correction beyond which conjugate gradients take over."""
 MOST = 500
 """Largest number of iterations; the condition does not depend on the size of the mesh."""
+
+
+class Halo(Protocol):
+    """Exchange of rows, one per node, between ranks."""
+
+    comm: MPI.Comm
+    """Communicator."""
+    num_owned: int
+    """Nodes that this rank owns."""
+    num_local: int
+    """The same and its ghosts."""
+
+    def local(self, values: Array) -> Array:
+        """Return the rows of all local nodes, ``(num_local, 3)``, of those owned, ``(num_owned, 3)``. Collective."""
+        ...
+
+    def owned(self, values: Array) -> Array:
+        """Return the rows of owned nodes, ``(num_owned, 3)``, with what all ranks have for them. Collective."""
+        ...
 
 
 class LumpedMass:
@@ -48,7 +67,7 @@ class LumpedMass:
         Collective.
     """
 
-    def __init__(self, blocks: tuple[NDArray[np.int32], Array], halo: object) -> None:
+    def __init__(self, blocks: tuple[NDArray[np.int32], Array], halo: Halo) -> None:
         sums = np.zeros((halo.num_local, 3))
         nodes, block = blocks
         np.add.at(sums[:, 0], nodes, block.sum(axis=2))
@@ -79,7 +98,7 @@ class ConsistentMass:
         Collective.
     """
 
-    def __init__(self, blocks: tuple[NDArray[np.int32], Array], halo: object) -> None:
+    def __init__(self, blocks: tuple[NDArray[np.int32], Array], halo: Halo) -> None:
         self.halo, self.comm = halo, halo.comm
         owned, local = halo.num_owned, halo.num_local
         nodes, block = blocks
@@ -175,7 +194,7 @@ def _rows(matrix: scipy.sparse.csr_matrix) -> tuple[NDArray[np.uint32], NDArray[
     return matrix.indptr.astype(np.uint32), matrix.indices.astype(np.uint32), matrix.data
 
 
-def _factors(matrix: scipy.sparse.csr_matrix) -> tuple[tuple, tuple]:
+def _factors(matrix: scipy.sparse.csr_matrix) -> tuple[mass_kernels.Halves, mass_kernels.Halves]:
     """Return the incomplete factor L of a matrix and its transpose: rows without the diagonal, and its inverse."""
     n, room, count, drop = matrix.shape[0], matrix.nnz, -1, DROP
     out = np.empty(n + 1, dtype=np.int64), np.empty(room, dtype=np.int64), np.empty(room), np.empty(n)

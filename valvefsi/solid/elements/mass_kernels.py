@@ -10,15 +10,22 @@ import math
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from valvefsi.runtime.compiled import vectors
+from valvefsi.types import Array, Indices
 
-Array = np.ndarray
+Rows = tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.floating]]
+"""Starts of rows, columns in ascending order, values."""
+
+Halves = tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.floating], NDArray[np.floating]]
+"""The same and the diagonal, or its inverse."""
+
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
 @kernel
-def factorise(out: tuple, matrix: tuple, drop: float) -> int:
+def factorise(out: tuple[Indices, Indices, Array, Array], matrix: Rows, drop: float) -> int:
     """Incomplete factor of a symmetric matrix A = L L^T row by row: l_ij = (a_ij - sum_k l_ik l_jk) / l_jj.
 
     What is smaller than ``drop`` sqrt(a_ii) is left out; what is larger stays, wherever it is. ``out`` takes starts of
@@ -35,7 +42,7 @@ def factorise(out: tuple, matrix: tuple, drop: float) -> int:
     older, of_row = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64)
     rows[0] = 0
     for i in range(n):
-        first, last, pivot = i, -1, 0.0
+        first, last, pivot = np.int64(i), np.int64(-1), 0.0
         for e in range(start[i], start[i + 1]):
             j = np.int64(across[e])
             if j == i:
@@ -81,7 +88,7 @@ def factorise(out: tuple, matrix: tuple, drop: float) -> int:
 
 @vectors
 @kernel
-def product(out: Array, q: Array, p: Array, upper: tuple) -> None:
+def product(out: Array, q: Array, p: Array, upper: Halves) -> None:
     """Add A p to q; out_d = sum_i p_d(i) (A p)_d(i).
 
     A = D + V + V^T: ``upper`` has the entries V above the diagonal, which are read once for both sides of it.
@@ -116,7 +123,9 @@ def product(out: Array, q: Array, p: Array, upper: tuple) -> None:
 
 @vectors
 @kernel
-def advance(out: Array, x: Array, r: Array, y: Array, p: Array, q: Array, alpha: Array, lower: tuple) -> None:
+def advance(
+    out: Array, x: Array, r: Array, y: Array, p: Array, q: Array, alpha: Array, lower: Halves
+) -> None:
     """Step along p, whose image is q: x += alpha p, r -= alpha q; then L y = r, out_d = sum_i y_d(i)^2, and q = 0."""
     start, columns, values, inverse = lower
     a0, a1, a2, a3 = alpha[0], alpha[1], alpha[2], alpha[3]
@@ -153,7 +162,7 @@ def advance(out: Array, x: Array, r: Array, y: Array, p: Array, q: Array, alpha:
 
 @vectors
 @kernel
-def solve_down(out: Array, y: Array, right: Array, q: Array, lower: tuple) -> None:
+def solve_down(out: Array, y: Array, right: Array, q: Array, lower: Halves) -> None:
     """Solve L y = right - q from the first row to the last; out_d = sum_i y_d(i)^2, and q = 0."""
     start, columns, values, inverse = lower
     e0, e1, e2, e3 = 0.0, 0.0, 0.0, 0.0
@@ -182,7 +191,7 @@ def solve_down(out: Array, y: Array, right: Array, q: Array, lower: tuple) -> No
 
 @vectors
 @kernel
-def solve_up(p: Array, z: Array, y: Array, beta: Array, upper: tuple) -> None:
+def solve_up(p: Array, z: Array, y: Array, beta: Array, upper: Halves) -> None:
     """Solve L^T z = y from the last row to the first, and take p = z + beta p."""
     start, columns, values, inverse = upper
     b0, b1, b2, b3 = beta[0], beta[1], beta[2], beta[3]

@@ -12,8 +12,10 @@ if TYPE_CHECKING:
     from mpi4py import MPI
     from numpy.typing import NDArray
 
+    from valvefsi.types import Array
 
-def number_nodes(X: NDArray[np.float64], comm: MPI.Comm) -> NDArray[np.int64]:
+
+def number_nodes(X: Array, comm: MPI.Comm) -> NDArray[np.int64]:
     """Number nodes by their reference positions in lexicographic order of (x, y, z).
 
     Coordinates are first replaced by their place among the distinct values of an axis, where values nearer
@@ -50,7 +52,7 @@ def number_nodes(X: NDArray[np.float64], comm: MPI.Comm) -> NDArray[np.int64]:
     return comm.scatter(parts, root=0)
 
 
-def _grades(values: NDArray[np.float64], tolerance: float) -> NDArray[np.int64]:
+def _grades(values: Array, tolerance: float) -> NDArray[np.int64]:
     """Return each value's place among the distinct ones, those within ``tolerance`` counting as one."""
     order = np.argsort(values, kind="stable")
     steps = np.diff(values[order], prepend=values[order[:1]]) > tolerance

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
 from dolfinx import fem
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from valvefsi.types import Array
 
 
 class PackedFunctions:
@@ -23,11 +30,11 @@ class PackedFunctions:
 
     def __init__(self, form: fem.Form, *functions: fem.Function) -> None:
         self._packed = {key: np.array(block) for key, block in compat.pack_coefficients(form).items()}
-        self._blocks = []
+        self._blocks: list[tuple[Array, Array, slice, NDArray[np.intp], Array]] = []
         for function in functions:
             self._find(form, function.x.array)
 
-    def _find(self, form: fem.Form, values: np.ndarray) -> None:
+    def _find(self, form: fem.Form, values: Array) -> None:
         """Find the columns of one function and the degree of freedom behind each of their entries."""
         kept = values.copy()
         values[:] = np.arange(len(kept))
@@ -36,14 +43,14 @@ class PackedFunctions:
         second = compat.pack_coefficients(form)
         values[:] = kept
         for key, block in first.items():
-            columns = np.flatnonzero(np.any(np.asarray(second[key]) != block, axis=0)) if len(block) else []
-            if len(columns) == 0:
+            columns = np.flatnonzero(np.any(np.asarray(second[key]) != block, axis=0))
+            if len(block) == 0 or len(columns) == 0:
                 continue
             dofs = block[:, columns].astype(np.intp)
             where = slice(columns[0], columns[-1] + 1)
             self._blocks.append((values, self._packed[key], where, dofs, np.empty(dofs.shape)))
 
-    def __call__(self) -> dict[tuple[object, int], np.ndarray]:
+    def __call__(self) -> dict[tuple[Any, int], Array]:
         """Return the coefficients with the present values; the next call overwrites them."""
         for values, block, columns, dofs, gathered in self._blocks:
             np.take(values, dofs, out=gathered, mode="clip")

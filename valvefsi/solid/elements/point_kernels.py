@@ -8,8 +8,8 @@ import numba
 import numpy as np
 
 from valvefsi.runtime.compiled import vectors
+from valvefsi.types import Array
 
-Array = np.ndarray
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 

@@ -13,8 +13,7 @@ from dolfinx import fem, la
 from valvefsi.solid.elements.packing import PackedFunctions
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from valvefsi.types import Array
 
 
 class Viscosity:
@@ -48,7 +47,7 @@ class Viscosity:
         self._num_owned = space.dofmap.index_map.size_local
         self._parallel = space.mesh.comm.size > 1
 
-    def force(self, chi: NDArray[np.float64], U: NDArray[np.float64]) -> NDArray[np.float64]:
+    def force(self, chi: Array, U: Array) -> Array:
         """Return the viscous nodal forces.
 
         Args:

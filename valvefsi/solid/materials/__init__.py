@@ -11,6 +11,7 @@ from valvefsi.solid.materials.laws import (
     Volumetric,
     find_material,
     kappa_stab,
+    load_material,
     stabilisation,
 )
 
@@ -28,5 +29,6 @@ __all__ = [
     "Volumetric",
     "find_material",
     "kappa_stab",
+    "load_material",
     "stabilisation",
 ]

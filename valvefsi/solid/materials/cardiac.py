@@ -17,12 +17,11 @@ from dolfinx import fem
 from valvefsi.solid.materials.parameters import check_parameters, direction, parameter
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from ufl.core.expr import Expr
 
     from valvefsi.solid.materials.kinematics import Kinematics
-
-    Array = NDArray[np.float64]
+    from valvefsi.solid.materials.laws import Material
+    from valvefsi.types import Array, Mesh
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +78,7 @@ class Contracting:
         fibre: Direction of the tension.
     """
 
-    def __init__(self, mesh: object, passive: object, tension: float, fibre: str) -> None:
+    def __init__(self, mesh: Mesh, passive: Material, tension: float, fibre: str) -> None:
         self.passive, self.tension, self.fibre = passive, float(tension), fibre
         self._now = fem.Constant(mesh.mesh, 0.0)
 

@@ -24,17 +24,18 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from valvefsi.errors import CaseError, ConvergenceError, raise_together
+from valvefsi.runtime.mesh_files import read_mesh_file
 from valvefsi.solid.materials.kinematics import Kinematics
 from valvefsi.solid.newton import Newton
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from ufl.core.expr import Expr
 
+    from valvefsi.solid.materials.laws import Material
     from valvefsi.solid.materials.parameters import Direction
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 UNIT_TOLERANCE = 1e-6
 """Largest difference of a fibre's length to 1 that the solid accepts."""
@@ -43,7 +44,7 @@ DATA_TOLERANCE = 1e-2
 """The same for data from files, which are then normalised."""
 
 
-def from_function(mesh: object, function: Callable[[Array], Array], *, degree: int = 0) -> fem.Function:
+def from_function(mesh: Mesh, function: Callable[[Array], Array], *, degree: int = 0) -> fem.Function:
     """Make a fibre field of a function of the reference position.
 
     Args:
@@ -63,7 +64,7 @@ def from_function(mesh: object, function: Callable[[Array], Array], *, degree: i
     return _fill(mesh, space, vectors)
 
 
-def constant(mesh: object, direction: Sequence[float]) -> fem.Function:
+def constant(mesh: Mesh, direction: Sequence[float]) -> fem.Function:
     """Make a fibre field with one direction, ``(dim,)`` of any length (collective)."""
     vector = np.asarray(direction, dtype=np.float64)
     if vector.shape != (mesh.dim,):
@@ -72,7 +73,7 @@ def constant(mesh: object, direction: Sequence[float]) -> fem.Function:
 
 
 def circumferential(
-    mesh: object,
+    mesh: Mesh,
     *,
     axis: Sequence[float] = (0.0, 0.0, 1.0),
     through: Sequence[float] = (0.0, 0.0, 0.0),
@@ -118,8 +119,40 @@ def circumferential(
     return from_function(mesh, direction, degree=degree)
 
 
+def turned(mesh: Mesh, angle: float) -> fem.Function:
+    """Make a fibre field in the tangent plane of a leaflet, turned from its circumferential to its radial direction.
+
+        a = cos(angle) e_c + sin(angle) e_r
+
+    Args:
+        mesh: A ``SolidMesh`` with the fibre fields "circumferential" and "radial", as meshes of valves have them.
+        angle: The angle [deg].
+
+    Raises:
+        CaseError: The mesh lacks one of the two fields, or they are not of one kind.
+
+    Note:
+        Collective.
+    """
+    missing = [name for name in ("circumferential", "radial") if name not in mesh.fibres]
+    if missing:
+        raise CaseError(
+            f"an angle from circumferential needs the mesh's fibre field {' and '.join(missing)}: add it with "
+            '[[solid.fibre]], or give a flat sheet\'s angle to the x axis, such as "45 deg"',
+            key="fibre",
+            value=f"{angle:g} deg from circumferential",
+        )
+    around, up = mesh.fibres["circumferential"], mesh.fibres["radial"]
+    if around.x.array.shape != up.x.array.shape:
+        raise CaseError("circumferential and radial fibre fields are of different degrees", key="fibre")
+    count = around.function_space.dofmap.index_map.size_local * mesh.dim
+    turn = math.radians(angle)
+    values = math.cos(turn) * around.x.array[:count] + math.sin(turn) * up.x.array[:count]
+    return _fill(mesh, around.function_space, values.reshape(-1, mesh.dim))
+
+
 def blend(
-    mesh: object,
+    mesh: Mesh,
     angles: Mapping[str, float],
     *,
     axis: Sequence[float] = (0.0, 0.0, 1.0),
@@ -149,7 +182,8 @@ def blend(
     """
     if len(angles) != 2 or not all(math.isfinite(angle) for angle in angles.values()):
         raise CaseError("expected two facet tags with an angle each", key="angles", value=dict(angles))
-    phi, gradient = _depth(mesh, tuple(angles))
+    inner, outer = angles
+    phi, gradient = _depth(mesh, (inner, outer))
     along = _unit((0.0, 0.0, 1.0) if mesh.dim == 2 else axis, "axis")
     first, second = (math.radians(angle) for angle in angles.values())
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -162,7 +196,7 @@ def blend(
     return _from_values(mesh, np.cos(alpha) * around + np.sin(alpha) * up)
 
 
-def from_cells(mesh: object, points: Array, vectors: Array) -> fem.Function:
+def from_cells(mesh: Mesh, points: Array, vectors: Array) -> fem.Function:
     """Make a fibre field of data given cell by cell, in any order and on any partition.
 
     Args:
@@ -200,7 +234,7 @@ def from_cells(mesh: object, points: Array, vectors: Array) -> fem.Function:
         raise CaseError(f"cells without data: {error.reason}", file=mesh.source, key="fibre") from None
 
 
-def read_fibres(mesh: object, path: str | Path, name: str) -> fem.Function:
+def read_fibres(mesh: Mesh, path: str | Path, name: str) -> fem.Function:
     """Read a fibre field from the cell data or point data ``name`` of a file that meshio reads (.vtu, .msh ...).
 
     The file's cells must be those of the mesh, in any order. Point data are averaged over the corners of each cell,
@@ -223,7 +257,7 @@ def read_fibres(mesh: object, path: str | Path, name: str) -> fem.Function:
     return from_cells(mesh, points, vectors)
 
 
-def check_fibres(mesh: object, material: object) -> None:
+def check_fibres(mesh: Mesh, material: Material) -> None:
     """Refuse fibre fields that a material cannot use: missing, not unit, not at right angles where they must be.
 
     Raises:
@@ -265,7 +299,7 @@ def directions(material: object) -> Iterator[Direction]:
                 yield from directions(entry)
 
 
-def at_midpoints(mesh: object, expression: object) -> Array:
+def at_midpoints(mesh: Mesh, expression: Expr) -> Array:
     """Evaluate a UFL expression at the middle of this rank's cells, ``(num_cells, size)`` (collective)."""
     domain = mesh.mesh
     tdim = domain.topology.dim
@@ -277,7 +311,7 @@ def at_midpoints(mesh: object, expression: object) -> Array:
     return compat.evaluate(compat.compile_expression(of_mesh, middle, domain.comm), domain, cells)
 
 
-def on_root(mesh: object, name: str) -> tuple[Array, Array] | None:
+def on_root(mesh: Mesh, name: str) -> tuple[Array, Array] | None:
     """Gather a fibre field for pictures: middles ``(n, 3)`` and vectors ``(n, 3)`` on rank 0 (collective)."""
     dim = mesh.dim
     a = Kinematics(ufl.Identity(dim), mesh.fibres).vector(name)
@@ -292,7 +326,7 @@ def on_root(mesh: object, name: str) -> tuple[Array, Array] | None:
     return points[order], values[order]
 
 
-def _from_values(mesh: object, vectors: Array) -> fem.Function:
+def _from_values(mesh: Mesh, vectors: Array) -> fem.Function:
     """Make a field of degree 0 of vectors of this rank's own cells, ``(num_cells, 3)``."""
     space = fem.functionspace(mesh.mesh, ("DG", 0, (mesh.dim,)))
     ordered = np.full((space.dofmap.index_map.size_local, mesh.dim), np.nan)
@@ -300,7 +334,7 @@ def _from_values(mesh: object, vectors: Array) -> fem.Function:
     return _fill(mesh, space, ordered)
 
 
-def _fill(mesh: object, space: fem.FunctionSpace, vectors: Array) -> fem.Function:
+def _fill(mesh: Mesh, space: fem.FunctionSpace, vectors: Array) -> fem.Function:
     """Make a function of the normalised vectors of this rank's own nodes; refuse zero and NaN."""
     length = np.linalg.norm(vectors, axis=1)
     bad = mesh.mesh.comm.allreduce(int(np.count_nonzero(~(np.isfinite(length) & (length > 0)))))
@@ -321,7 +355,7 @@ def _unit(vector: Sequence[float], key: str) -> Array:
     return given / length
 
 
-def _depth(mesh: object, surfaces: tuple[str, str]) -> tuple[Array, Array]:
+def _depth(mesh: Mesh, surfaces: tuple[str, str]) -> tuple[Array, Array]:
     """Solve Laplace's equation between two surfaces; phi and its gradient in the middle of all local cells."""
     domain = mesh.mesh
     space = fem.functionspace(domain, ("Lagrange", 1))
@@ -331,14 +365,16 @@ def _depth(mesh: object, surfaces: tuple[str, str]) -> tuple[Array, Array]:
     conditions = []
     for value, name in enumerate(surfaces):
         dim, tag = mesh.tag(name)
-        facets = mesh.facet_tags.find(tag) if dim == facet_dim else np.zeros(0, dtype=np.int32)
+        facets = np.zeros(0, dtype=np.int32)
+        if dim == facet_dim and mesh.facet_tags is not None:
+            facets = mesh.facet_tags.find(tag)
         if domain.comm.allreduce(len(facets)) == 0:
             raise CaseError("no facet carries this tag", file=mesh.source, key="angles", value=name)
         dofs = fem.locate_dofs_topological(space, facet_dim, facets)
         conditions.append(fem.dirichletbc(float(value), dofs, space))
-    converged, _ = Newton(
-        phi, ufl.inner(ufl.grad(phi), ufl.grad(test)) * ufl.dx(degree=2), conditions
-    ).solve()
+    residual = ufl.inner(ufl.grad(phi), ufl.grad(test)) * ufl.dx(degree=2)
+    with Newton(phi, residual, conditions) as newton:
+        converged, _ = newton.solve()
     if not converged:
         raise ConvergenceError(f"fibres of {mesh.source}: no depth between {surfaces[0]} and {surfaces[1]}")
     values = np.zeros((len(at_midpoints(mesh, phi)), 1 + 3))
@@ -349,14 +385,7 @@ def _depth(mesh: object, surfaces: tuple[str, str]) -> tuple[Array, Array]:
 
 def _read_cells(path: Path, name: str, dim: int) -> tuple[Array, Array]:
     """Read middles and vectors of the cells of the highest dimension."""
-    import meshio
-
-    if not path.is_file():
-        raise CaseError("no such file", file=path)
-    try:
-        data = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio ends the program on a file it does not know
-        raise CaseError(f"cannot read this file: {error or type(error).__name__}", file=path) from None
+    data = read_mesh_file(path)
     known = [*data.cell_data, *data.point_data]
     if name not in known:
         listed = ", ".join(known) or "none"

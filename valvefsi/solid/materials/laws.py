@@ -1,7 +1,7 @@
 """Hyperelastic materials: each states an energy per reference volume and its shear modulus, nothing else.
 
-A material of your own takes about ten lines, and a case file uses it by its import path,
-``model = "my_package.my_module.Gent"``::
+A material of your own takes about ten lines, and a case file uses it by its file,
+``model = "gent.py:Gent"``::
 
     @dataclass(frozen=True, kw_only=True)
     class Gent:
@@ -18,9 +18,11 @@ A material of your own takes about ten lines, and a case file uses it by its imp
 
 from __future__ import annotations
 
-import importlib
-import re
+import importlib.util
+import sys
+import zlib
 from dataclasses import dataclass, is_dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from valvefsi.runtime import dolfinx_compat  # noqa: F401  (before ufl)
@@ -36,6 +38,18 @@ if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
     from valvefsi.solid.materials.kinematics import Kinematics
+
+
+class VolumeRatio(Protocol):
+    """What a volumetric energy asks of the kinematics."""
+
+    @property
+    def J(self) -> Expr:
+        """Volume ratio det F."""
+
+    @property
+    def log_J(self) -> Expr:
+        """Its logarithm."""
 
 
 class Material(Protocol):
@@ -186,7 +200,7 @@ class Volumetric:
             listed = ", ".join(self.FORMS)
             raise CaseError(f"expected one of {listed}", key="volumetric", value=self.form)
 
-    def energy(self, kinematics: Kinematics) -> Expr:
+    def energy(self, kinematics: VolumeRatio) -> Expr:
         """Return U(J) [dyn/cm^2]."""
         if self.form == "log":
             return self.kappa / 2 * kinematics.log_J**2
@@ -208,27 +222,54 @@ MATERIALS: dict[str, type] = {
 """Materials by the name a case file uses."""
 
 
+OWN: dict[str, type] = {}
+"""Materials of files that `load_material` has run, by "FILE:CLASS"."""
+
+
 def find_material(model: str) -> type:
-    """Return the class of a material: a name of `MATERIALS`, or an import path, "package.module.Class".
+    """Return the class of a material: a name of `MATERIALS`, or "FILE:CLASS" of `load_material`.
 
     Raises:
-        CaseError: There is no such name, it cannot be imported, or it is not a material.
+        CaseError: There is no such material.
     """
-    if model in MATERIALS:
-        return MATERIALS[model]
-    module, _, name = model.replace(":", ".").rpartition(".")
-    if not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", module) or not name:
-        raise CaseError("no such material, nor an import path", key="model", value=model)
+    found = MATERIALS.get(model) or OWN.get(model)
+    if found is None:
+        raise CaseError('no such material; one of your own is "FILE.py:CLASS"', key="model", value=model)
+    return found
+
+
+def load_material(file: Path, name: str) -> str:
+    """Run a Python file, under a module name of its own, and register the material in it.
+
+    Args:
+        file: The file; it finds what is installed, not what lies beside it.
+        name: Name of the class.
+
+    Returns:
+        Name for `find_material`.
+
+    Raises:
+        CaseError: The file cannot be run, or holds no such material.
+    """
+    file = file.resolve()
+    model = f"{file}:{name}"
+    spec = importlib.util.spec_from_file_location(f"valvefsi_own_{zlib.crc32(bytes(file)):08x}", file)
     try:
-        found = getattr(importlib.import_module(module), name)
-    except Exception as error:  # the module may raise whatever it likes
+        if spec is None or spec.loader is None:
+            raise ImportError("not a Python file")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module  # dataclasses look their module up
+        spec.loader.exec_module(module)
+        found = getattr(module, name)
+    except Exception as error:  # the file may raise whatever it likes
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise CaseError(f"cannot import this material ({reason})", key="model", value=model) from None
+        raise CaseError(f"cannot load this material ({reason})", key="model", value=model) from None
     missing = [part for part in ("energy", "shear_modulus") if not hasattr(found, part)]
     if missing or not (isinstance(found, type) and is_dataclass(found)):
         needed = "a material is a dataclass with energy and shear_modulus"
         raise CaseError(f"this is not a material: {needed}", key="model", value=model)
-    return found
+    OWN[model] = found
+    return model
 
 
 def kappa_stab(shear_modulus: float, nu_stab: float | None) -> float:

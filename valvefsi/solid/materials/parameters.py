@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from valvefsi.errors import CaseError
 
 Direction = str | float | tuple[float, ...]
 """A direction in the reference state: the name of a fibre field of the mesh, an angle to the x axis in the x-y
 plane [deg], or a vector of any length."""
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 STRESS = "dyn/cm^2"
 """Unit of a parameter that says nothing else."""
@@ -23,7 +26,7 @@ def parameter(
     minimum: float = 0.0,
     maximum: float = math.inf,
     above: float = -math.inf,
-    default: object = MISSING,
+    default: Any = MISSING,
     about: str = "",
 ) -> Any:
     """Declare a number of a material, see `check_parameters`.
@@ -36,11 +39,11 @@ def parameter(
         default: Value where none is given; left out, one must be given.
         about: What it is.
     """
-    about = {"unit": unit, "minimum": minimum, "maximum": maximum, "above": above, "about": about}
-    return field(default=default, metadata=about)
+    limits = {"minimum": minimum, "maximum": maximum, "above": above}
+    return field(default=default, metadata={"unit": unit, "about": about, **limits})
 
 
-def direction(*, default: object = MISSING, about: str = "") -> Any:
+def direction(*, default: Any = MISSING, about: str = "") -> Any:
     """Declare a direction of a material: name of a fibre field, angle [deg] or vector."""
     return field(default=default, metadata={"kind": "direction", "about": about})
 
@@ -50,7 +53,7 @@ def table(item: type, *, about: str = "") -> Any:
     return field(default=(), metadata={"kind": "table", "item": item, "about": about})
 
 
-def check_parameters(material: object) -> None:
+def check_parameters(material: DataclassInstance) -> None:
     """Refuse a parameter that is not finite, outside its range or of the wrong kind; call it at birth.
 
     Raises:
@@ -66,7 +69,7 @@ def check_parameters(material: object) -> None:
             check_number(item.name, value, item.metadata)
 
 
-def check_number(name: str, value: object, about: Mapping[str, object] | None = None) -> None:
+def check_number(name: str, value: object, about: Mapping[str, Any] | None = None) -> None:
     """Refuse what is not a finite number in the range that ``about`` tells, not negative without one."""
     about = about or {}
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
@@ -80,7 +83,7 @@ def check_number(name: str, value: object, about: Mapping[str, object] | None = 
         raise CaseError(f"expected a number of at least {minimum:g}{upper}", key=name, value=value)
 
 
-def _check_table(material: object, name: str, value: object, item: type) -> None:
+def _check_table(material: DataclassInstance, name: str, value: object, item: type) -> None:
     """Store a list of ``item`` as a tuple; refuse anything else."""
     if not isinstance(value, list | tuple) or not all(isinstance(entry, item) for entry in value):
         raise CaseError(f"expected a list of {item.__name__}", key=name, value=value)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics.formulations import Formulation
+    from valvefsi.types import Mesh
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +45,7 @@ class Body:
         quadrature_degree: Degree of the quadrature of all forms.
     """
 
-    mesh: object
+    mesh: Mesh
     material: Material
     supports: Sequence[Fixed | Symmetry]
     loads: Sequence[DeadLoad | Pressure]

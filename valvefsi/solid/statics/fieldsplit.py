@@ -13,6 +13,7 @@ from valvefsi.runtime import dolfinx_compat as compat
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from valvefsi.solid.newton import weak
@@ -71,7 +72,7 @@ class BlockNewton:
         self.linear_iterations: list[int] = []
         self._make_solver(comm, relative_tolerance)
 
-    def _make_solver(self, comm: object, relative_tolerance: float) -> None:
+    def _make_solver(self, comm: MPI.Comm, relative_tolerance: float) -> None:
         """Set up SNES, FGMRES and the block preconditioner."""
         prefix = f"valvefsi_fieldsplit_{next(NUMBERS)}_"
         self._snes = PETSc.SNES().create(comm)
@@ -179,7 +180,7 @@ def rigid_motions(space: fem.FunctionSpace) -> PETSc.NullSpace:
     X = space.tabulate_dof_coordinates()[:n]
     modes = [np.broadcast_to(np.eye(3)[i], (n, 3)) for i in range(dim)]
     turns = [np.cross(np.eye(3)[axis], X) for axis in ((2,) if dim == 2 else (0, 1, 2))]
-    vectors = []
+    vectors: list[PETSc.Vec] = []
     for mode in (*modes, *turns):
         vector = compat.create_vector(space)
         vector.array[:] = mode[:, :dim].ravel()

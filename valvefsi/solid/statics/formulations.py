@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
     from valvefsi.solid.materials import Material
+    from valvefsi.types import Mesh
 
 
 class Formulation(Protocol):
@@ -29,8 +30,15 @@ class Formulation(Protocol):
     def degrees(self) -> tuple[int, ...]:
         """Degrees of the Lagrange elements: displacement, and pressure where there is one."""
 
-    def potential(self, mesh: object, material: Material, u: Expr, p: Expr | None) -> Expr:
+    def potential(self, mesh: Mesh, material: Material, u: Expr, p: Expr | None) -> Expr:
         """Return the potential per reference volume as a function of displacement and pressure [dyn/cm^2]."""
+
+
+class DisplacementFormulation(Formulation, Protocol):
+    """A formulation without a pressure of its own."""
+
+    def pressure(self, mesh: Mesh, material: Material, u: fem.Function) -> Expr:
+        """Return the pressure of a displacement [dyn/cm^2]."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,7 @@ class TaylorHood:
 
     degrees: tuple[int, ...] = (2, 1)
 
-    def potential(self, mesh: object, material: Material, u: Expr, p: Expr | None) -> Expr:
+    def potential(self, mesh: Mesh, material: Material, u: Expr, p: Expr | None) -> Expr:
         """Return W - p (J - 1)."""
         kinematics = kinematics_of(mesh, u)
         return material.energy(kinematics) - p * (kinematics.J - 1)
@@ -69,7 +77,7 @@ class EqualOrder:
         """Degrees of displacement and pressure."""
         return (1, 1)
 
-    def potential(self, mesh: object, material: Material, u: Expr, p: Expr | None) -> Expr:
+    def potential(self, mesh: Mesh, material: Material, u: Expr, p: Expr | None) -> Expr:
         """Return W - p (J - 1) - alpha h^2/(2 mu_s) |grad p|^2."""
         if not material.shear_modulus > 0:
             message = "this material has no stiffness at F = I to scale the stabilisation with"
@@ -108,30 +116,30 @@ class NearlyIncompressible:
         """Return the volumetric energy."""
         return stabilisation(material, self.nu_stab, self.volumetric, self.kappa)
 
-    def potential(self, mesh: object, material: Material, u: Expr, p: Expr | None) -> Expr:
+    def potential(self, mesh: Mesh, material: Material, u: Expr, p: Expr | None) -> Expr:
         """Return W + U(J)."""
         kinematics, U = kinematics_of(mesh, u), self.energy(material)
         W = material.energy(kinematics)
         return W + U.energy(kinematics) if U.kappa > 0 else W
 
-    def pressure(self, mesh: object, material: Material, u: fem.Function) -> Expr:
+    def pressure(self, mesh: Mesh, material: Material, u: fem.Function) -> Expr:
         """Return p = -dU/dJ."""
         J = ufl.variable(ufl.det(deformation(mesh, u)))
         return -ufl.diff(self.energy(material).energy(_VolumeOnly(J)), J)
 
 
 class _VolumeOnly:
-    """What a volumetric energy asks of the kinematics."""
+    """A volume ratio without the deformation that has it, see `valvefsi.solid.materials.laws.VolumeRatio`."""
 
     def __init__(self, J: Expr) -> None:
         self.J, self.log_J = J, ufl.ln(J)
 
 
-def deformation(mesh: object, u: Expr) -> Expr:
+def deformation(mesh: Mesh, u: Expr) -> Expr:
     """Return F = I + grad u."""
     return ufl.Identity(mesh.dim) + ufl.grad(u)
 
 
-def kinematics_of(mesh: object, u: Expr) -> Kinematics:
+def kinematics_of(mesh: Mesh, u: Expr) -> Kinematics:
     """Return the kinematics of a displacement, with the mesh's fibres."""
     return Kinematics(deformation(mesh, u), mesh.fibres)

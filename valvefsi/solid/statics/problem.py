@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -23,14 +23,13 @@ from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.typing import NDArray
+    from ufl.core.expr import Expr
 
     from valvefsi.solid.loads import DeadLoad, Pressure, Tether
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics.equilibrium import Problem
-    from valvefsi.solid.statics.formulations import Formulation
-
-    Array = NDArray[np.float64]
+    from valvefsi.solid.statics.formulations import DisplacementFormulation, Formulation
+    from valvefsi.types import Array, Mesh
 
 __all__ = [
     "EqualOrder",
@@ -144,7 +143,7 @@ class StaticSolution:
 
 
 def solve(
-    mesh: object,
+    mesh: Mesh,
     material: Material,
     *,
     fixed: Sequence[Fixed | Symmetry],
@@ -197,7 +196,8 @@ def solve(
     def solution() -> StaticSolution:
         displacement, pressure = problem.fields()
         if pressure is None:
-            pressure = _project(formulation.pressure(mesh, material, displacement), mesh)
+            alone = cast("DisplacementFormulation", formulation)
+            pressure = _project(alone.pressure(mesh, material, displacement), mesh)
         displacement.name, pressure.name = "displacement", "pressure"
         return StaticSolution(displacement=displacement, pressure=pressure, load_steps=tuple(steps))
 
@@ -210,7 +210,7 @@ def solve(
     return solution()
 
 
-def _project(value: object, mesh: object) -> fem.Function:
+def _project(value: Expr, mesh: Mesh) -> fem.Function:
     """Project a scalar onto continuous functions of degree 1 (collective)."""
     space = fem.functionspace(mesh.mesh, ("Lagrange", 1))
     projected = fem.Function(space)

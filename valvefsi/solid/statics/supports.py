@@ -20,7 +20,7 @@ from valvefsi.errors import CaseError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Mesh
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,20 +94,25 @@ def rotation(
     return displacement
 
 
-def facet_tags(mesh: object, names: Sequence[str]) -> list[int]:
+def facet_tags(mesh: Mesh, names: Sequence[str]) -> list[int]:
     """Return the numbers of facet tags; refuse tags of cells and tags that no facet carries (collective)."""
     tags = [mesh.tag(name) for name in names]
     if any(dim != mesh.mesh.topology.dim - 1 for dim, _ in tags):
         raise CaseError("expected tags of facets", file=mesh.source, key="on", value=list(names))
     for name, (_, tag) in zip(names, tags, strict=True):
-        if mesh.mesh.comm.allreduce(len(mesh.facet_tags.find(tag))) == 0:
+        if mesh.mesh.comm.allreduce(len(_facets(mesh, tag))) == 0:
             raise CaseError("no facet carries this tag", file=mesh.source, key="on", value=name)
     return [tag for _, tag in tags]
 
 
-def facets_of(mesh: object, names: Sequence[str]) -> NDArray[np.int32]:
+def facets_of(mesh: Mesh, names: Sequence[str]) -> NDArray[np.int32]:
     """Return this rank's facets with any of the tags; refuse tags that no facet carries (collective)."""
-    return np.concatenate([mesh.facet_tags.find(tag) for tag in facet_tags(mesh, names)])
+    return np.concatenate([_facets(mesh, tag) for tag in facet_tags(mesh, names)])
+
+
+def _facets(mesh: Mesh, tag: int) -> NDArray[np.int32]:
+    """Return this rank's facets with a tag, ``(n,)``."""
+    return np.zeros(0, dtype=np.int32) if mesh.facet_tags is None else mesh.facet_tags.find(tag)
 
 
 class Prescribed:
@@ -122,13 +127,13 @@ class Prescribed:
         Collective.
     """
 
-    def __init__(self, mesh: object, space: fem.FunctionSpace, supports: Sequence[Fixed]) -> None:
+    def __init__(self, mesh: Mesh, space: fem.FunctionSpace, supports: Sequence[Fixed]) -> None:
         self._values: list[tuple[Callable[[Array, float], Array] | None, int, fem.Function]] = []
         self.conditions: list[fem.DirichletBC] = []
         for support in supports:
             self._fix(mesh, space, support)
 
-    def _fix(self, mesh: object, space: fem.FunctionSpace, support: Fixed) -> None:
+    def _fix(self, mesh: Mesh, space: fem.FunctionSpace, support: Fixed) -> None:
         """Make the conditions of one support, one for each component."""
         domain = mesh.mesh
         facet_dim = domain.topology.dim - 1
@@ -151,7 +156,7 @@ class Prescribed:
                 value.interpolate(lambda x, f=function, i=axis: np.asarray(f(x.T, s))[:, i])
 
 
-def plane_normal(mesh: object, names: Sequence[str]) -> Array:
+def plane_normal(mesh: Mesh, names: Sequence[str]) -> Array:
     """Return the outer unit normal ``(3,)`` of flat facets; refuse facets that do not lie in one plane (collective)."""
     dim, domain = mesh.dim, mesh.mesh
     N = ufl.FacetNormal(domain)

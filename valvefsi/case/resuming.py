@@ -1,0 +1,131 @@
+"""Whether a checkpoint is of the case that is to go on from it: what differs, and what of that may."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from valvefsi.case.models import Case
+from valvefsi.case.writing import to_dict
+from valvefsi.errors import CaseError
+from valvefsi.io import checkpoint
+from valvefsi.io.folder import held
+from valvefsi.run.checkpoints import refuse_to_overwrite
+
+FREE = re.compile(
+    r"title|time\.(t_end|max_recoveries)|output\.(frames|history_every|checkpoint_every|checkpoint_wall"
+    r"|keep_checkpoints)|circuit\.\w+\.(provenance\..*|target_pressure|pump\.cycles_from)"
+    r"|solid\.\w+\.material\.preset"
+)
+"""What is no part of a state and of the way on from it."""
+FIXED = re.compile(
+    r"grid\..*|housing\..*|output\..*|fluid\.density|fluid\.sides\.\w+\.(type|circuit)|circuit\.\w+\.(name|model)"
+    r"|solid\.\w+\.(name|degree|mesh\..*|coupling|point_gap|density|probe\..*)"
+)
+"""What gives the numbers in a checkpoint, or in the files beside it, their meaning."""
+FILES = ("file", "table")
+
+
+@contextlib.contextmanager
+def run_folder(
+    case: Case,
+    out: Path,
+    comm: MPI.Comm,
+    *,
+    resume: bool,
+    overwrite: bool = False,
+    allow_change: bool = False,
+) -> Iterator[tuple[dict[str, object], ...]]:
+    """Hold the folder of a run, after a look at what it holds.
+
+    Args:
+        case: The case that is to be run in it.
+        out: The folder.
+        comm: Communicator of the run.
+        resume: Whether to go on with the run in it.
+        overwrite: Whether a run in it may be replaced.
+        allow_change: Whether the way on may differ from the way there.
+
+    Yields:
+        Changes of the case since the run began: key, old and new value, time [s].
+
+    Raises:
+        CaseError: Another run holds it, or it holds a run that must not be replaced or gone on with like this.
+
+    Note:
+        Collective.
+    """
+    with held(out, comm):
+        if resume:
+            meta = checkpoint.newest_meta(Path(out) / "checkpoints", comm)
+            yield _changes(meta, case, allow_change) if meta else ()
+            return
+        if not overwrite:
+            refuse_to_overwrite(Path(out), comm, finished=True)
+        yield ()
+
+
+def clear(out: Path, comm: MPI.Comm) -> None:
+    """Remove what an earlier run would be taken for: its checkpoints, history and summary. Collective."""
+    if comm.rank == 0:
+        for path in (
+            *checkpoint.list_checkpoints(out / "checkpoints"),
+            out / "history.csv",
+            out / "summary.json",
+        ):
+            path.unlink(missing_ok=True)
+    comm.barrier()
+
+
+def provenance_of(case: Case, changes: tuple[dict[str, object], ...] = ()) -> dict[str, object]:
+    """Return what a checkpoint records of its case: every value by its path, files by what they hold."""
+    return {"case": _flat(to_dict(case), ""), "changes": list(changes)}
+
+
+def _changes(meta: Mapping[str, Any], case: Case, allow: bool) -> tuple[dict[str, object], ...]:
+    recorded = meta.get("provenance", {})
+    old, new = recorded.get("case", {}), provenance_of(case)["case"]
+    found = {key: (old.get(key), new.get(key)) for key in {**old, **new} if old.get(key) != new.get(key)}
+    held_back = [key for key in found if not FREE.fullmatch(key)]
+    fixed = [key for key in held_back if FIXED.fullmatch(key)]
+    held_back = [] if allow else held_back
+    if fixed or held_back:
+        key = (fixed or held_back)[0]
+        before, after = ("not there" if value is None else repr(value) for value in found[key])
+        more = len(fixed or held_back) - 1
+        others = f" (and {more} more)" if more else ""
+        then = "start a new run" if fixed else "--allow-change goes on with it"
+        message = f"the checkpoint is of a run where this was {before}, it is {after}{others}; {then}"
+        raise CaseError(message, file=case.file, key=key)
+    made = [{"t_s": meta["t"], "key": key, "old": a, "new": b} for key, (a, b) in found.items()]
+    return (*recorded.get("changes", ()), *made)
+
+
+def _flat(value: object, path: str) -> dict[str, object]:
+    """Return values by their paths, items of lists by name where they have one."""
+    if isinstance(value, dict):
+        items = value.items()
+    elif isinstance(value, list):
+        named = [item.get("name") if isinstance(item, dict) else None for item in value]
+        items = [(name or str(k), item) for k, (name, item) in enumerate(zip(named, value, strict=True))]
+    else:
+        return {path: _held_by(path, value)}
+    flat: dict[str, object] = {}
+    for key, item in items:
+        flat |= _flat(item, f"{path}.{key}".lstrip("."))
+    return flat
+
+
+def _held_by(path: str, value: object) -> object:
+    """Return a value, what a file holds instead of its name."""
+    own = re.fullmatch(r"(.*\.py):(\w+)", value) if isinstance(value, str) else None
+    file = own[1] if own else value if path.rpartition(".")[2] in FILES else None
+    if not isinstance(file, str) or not Path(file).is_file():
+        return value
+    return f"contents {zlib.crc32(Path(file).read_bytes()):08x}" + (f":{own[2]}" if own else "")

@@ -1,0 +1,111 @@
+"""Files that are whole or not there, and folders that one run holds at a time."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import socket
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from valvefsi.errors import CaseError, raise_together
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+LOCK = ".lock"
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a name to write to, of the same ending; the file gets its own name when it is complete."""
+    path = Path(path)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, in one go."""
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextlib.contextmanager
+def held(folder: Path, comm: MPI.Comm) -> Iterator[None]:
+    """Hold a folder for one run; it is made where it is missing, and taken away again where it stays empty.
+
+    The system lets a lock go when its process ends, however it ends: what is left of it is no lock.
+
+    Raises:
+        CaseError: Another run holds it; says on which host, which process, since when.
+        OSError: The folder cannot be made or written.
+
+    Note:
+        Collective. Rank 0 holds it.
+    """
+    folder, lock, error = Path(folder), None, None
+    try:
+        if comm.rank == 0:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock = _lock(folder)
+    except (OSError, CaseError) as failure:
+        error = failure
+    raise_together(comm, error)
+    try:
+        yield
+    finally:
+        if lock is not None:
+            with contextlib.suppress(OSError):
+                (folder / LOCK).unlink(missing_ok=True)
+                os.close(lock)
+                folder.rmdir()  # only where it is empty
+
+
+def _lock(folder: Path) -> int:
+    """Return the open file of the lock, with who holds it in it."""
+    path = folder / LOCK
+    while True:
+        lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            who = _holder(os.read(lock, 4096))
+            os.close(lock)
+            raise CaseError(
+                f"another run holds this folder, {who}; give another --out", file=folder
+            ) from None
+        except OSError as failure:
+            warnings.warn(
+                f"{folder} cannot be locked ({failure.strerror}): keep other runs out", stacklevel=2
+            )
+        with contextlib.suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(lock), path.stat()):
+                break
+        os.close(lock)  # whoever held it has just taken it away
+    about = {
+        "host": socket.gethostname(),
+        "process": os.getpid(),
+        "since": time.strftime("%Y-%m-%d %H:%M:%S"),
+    }
+    os.ftruncate(lock, 0)
+    os.write(lock, json.dumps(about).encode())
+    return lock
+
+
+def _holder(text: bytes) -> str:
+    try:
+        about = json.loads(text)
+        return f"process {about['process']} on {about['host']} since {about['since']}"
+    except (ValueError, KeyError, TypeError):  # it is being written
+        return "just begun"

@@ -1,0 +1,144 @@
+"""The state of a run on the disk: what a checkpoint holds, and how it is read back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi import fsi
+from valvefsi.errors import CaseError
+from valvefsi.fsi import Model, State
+from valvefsi.io import checkpoint
+from valvefsi.run.energy import EnergyMeter
+from valvefsi.run.forces import ForceMeter
+from valvefsi.run.recording import Output, grid_part
+from valvefsi.run.statistics import Statistics
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a run keeps beside its state from row to row.
+
+    Attributes:
+        statistics: Running averages.
+        forces: Forces between rows.
+        energy: Balance of energy.
+    """
+
+    statistics: Statistics
+    forces: ForceMeter
+    energy: EnergyMeter
+
+
+def memory_of(model: Model, output: Output) -> Memory:
+    """Return the memory of a run that begins."""
+    statistics = Statistics(model.grid, start=output.averages_from, lines=output.lines)
+    return Memory(statistics, ForceMeter(model, output.forces), EnergyMeter(model, output.energy))
+
+
+def save_state(model: Model, state: State, output: Output, memory: Memory, *, finished: bool = False) -> Path:
+    """Write a checkpoint of a state, with a note whether the run is finished with it. Collective."""
+    grid, statistics = model.grid, memory.statistics
+    fields = {"p": checkpoint.Block(grid_part(state.p, grid.owned), grid.start, grid.cells)}
+    for d in range(grid.dim):
+        owned = grid.owned_faces(d)
+        for name, faces in (("u", state.u), ("N", state.N)):
+            fields[f"{name}{d}"] = checkpoint.Block(
+                grid_part(faces[d], owned), grid.start, grid.face_shape(d)
+            )
+    for name, array in statistics.fields().items():
+        fields[name] = checkpoint.Block(grid_part(array, (slice(None),) * 3), grid.start, grid.cells)
+    rows = {
+        name: checkpoint.Rows(state.bodies[k][key], model.bodies[k].ids, model.bodies[k].num_points)
+        for name, (k, key) in tables_of(model, state).items()
+    }
+    meta: dict[str, Any] = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
+    meta["dt_stable"] = state.dt_stable if math.isfinite(state.dt_stable) else None
+    meta["circuits"] = [float(value) for value in state.circuits]
+    meta["given"] = state.given.tolist()
+    meta["statistics"] = statistics.meta()
+    meta["forces"], meta["energy"] = memory.forces.meta(), memory.energy.meta()
+    meta["provenance"] = dict(output.provenance)
+    folder = output.directory / "checkpoints"
+    return checkpoint.save(folder, state.step, fields, rows, meta, grid.comm, keep=output.keep_checkpoints)
+
+
+def load_state(model: Model, output: Output, memory: Memory) -> State | None:
+    """Read the newest whole checkpoint, None where there is none; the memory goes on from it. Collective."""
+    grid, statistics = model.grid, memory.statistics
+    places = {"p": grid.owned}
+    for d in range(grid.dim):
+        places |= {f"u{d}": grid.owned_faces(d), f"N{d}": grid.owned_faces(d)}
+    request = {name: (grid.start, tuple(s.stop - s.start for s in place)) for name, place in places.items()}
+    averages = statistics.fields()
+    request |= {name: (grid.start, array.shape) for name, array in averages.items()}
+    tables = tables_of(model, fsi.initial_state(model, 1.0))
+    rows = {name: model.bodies[k].ids for name, (k, _) in tables.items()}
+    found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm)
+    if found is None:
+        return None
+    meta, fields, points = found
+    statistics.restore({name: fields[name] for name in averages}, meta.get("statistics", {}))
+    memory.forces.restore(meta.get("forces"))
+    memory.energy.restore(meta.get("energy"))
+    arrays = {name: grid.zeros() for name in places}
+    for name, place in places.items():
+        arrays[name][place] = fields[name]
+    u = tuple(arrays[f"u{d}"] for d in range(grid.dim))
+    grid.exchange((arrays["p"],), width=1)
+    return State(
+        t=meta["t"],
+        step=meta["step"],
+        dt=meta["dt"],
+        dt_stable=math.inf if meta.get("dt_stable") is None else meta["dt_stable"],
+        u=model.fluid.fill(u, meta["t"]),
+        p=arrays["p"],
+        N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),
+        bodies=tuple(
+            {key: points[name] for name, (number, key) in tables.items() if number == k}
+            for k in range(len(model.bodies))
+        ),
+        circuits=np.array(meta["circuits"]),
+        given=np.array(meta["given"]).reshape(-1, 4),
+    )
+
+
+def tables_of(model: Model, state: State) -> dict[str, tuple[int, str]]:
+    """Return number of the body and key of every table of the bodies' states, by its name in a checkpoint."""
+    return {
+        f"{key}_{k}_{body.name}": (k, key)
+        for k, (body, q) in enumerate(zip(model.bodies, state.bodies, strict=True))
+        for key in q
+    }
+
+
+def refuse_to_overwrite(directory: Path, comm: MPI.Comm, *, finished: bool) -> None:
+    """Raise CaseError where a folder holds a run that a new one would remove.
+
+    Args:
+        directory: Folder of the run.
+        comm: Communicator of the run.
+        finished: Whether that holds for a finished one too.
+
+    Note:
+        Collective.
+    """
+    folder = directory / "checkpoints"
+    meta = checkpoint.newest_meta(folder, comm)
+    there = comm.bcast(bool(checkpoint.list_checkpoints(folder)) if comm.rank == 0 else None)
+    if meta is not None and meta.get("finished"):
+        if finished:
+            message = "this folder holds a finished run; --overwrite replaces it, another --out keeps it"
+            raise CaseError(message, file=directory)
+    elif there:
+        when = f"t = {meta['t']:.6g} s" if meta else "its newest checkpoint cannot be read"
+        raise CaseError(
+            f"this folder holds a run that is not finished ({when}); --resume goes on with it, another --out or "
+            "removing the folder starts anew",
+            file=directory,
+        )
