@@ -86,6 +86,35 @@ def hgo_strip(
     _run("hgo_strip", _setup(cell, refine, elements, overrides), out)
 
 
+@statics.command("bending")
+def bending(
+    thickness: Annotated[float, typer.Option(help="Thickness of the strip [mm].")] = 0.4,
+    edge: Annotated[float, typer.Option(help="Edge of the elements [mm].")] = 1.0,
+    layers: Annotated[int, typer.Option(min=1, max=4, help="Elements through the thickness.")] = 1,
+    material: Annotated[str, typer.Option(help="Name of a preset.")] = "bovine_pericardium_lee_sacks",
+    radius: Annotated[float | None, typer.Option(help="Radius at rest [mm]; flat without.")] = None,
+    angle: Annotated[float, typer.Option(help="Of the fibres to the strip's length [deg].")] = 0.0,
+    kappa: Annotated[float, typer.Option(help="Numerical bulk modulus [dyn/cm^2].")] = 1e8,
+    out: Out = None,
+) -> None:
+    """Solid-shell elements: bending, stretching and twisting of a strip against incompressible elements."""
+    from mpi4py import MPI
+
+    from valvefsi.benchmarks import bending as benchmark
+
+    strip = benchmark.Strip(
+        thickness=0.1 * thickness,
+        edge=0.1 * edge,
+        layers=layers,
+        material=material,
+        radius=None if radius is None else 0.1 * radius,
+        angle=angle,
+        kappa=kappa,
+    )
+    folder = out if out is not None else Path("results") / "bending"
+    show_result(benchmark.study(strip, out=folder, comm=MPI.COMM_WORLD), MPI.COMM_WORLD, folder)
+
+
 @statics.command("land")
 def land(
     problem: Annotated[
