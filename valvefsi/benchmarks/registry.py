@@ -74,6 +74,8 @@ Solids alone (statics):
         against their closed forms.
     hgo-strip | statics.hgo_strip:HgoStrip | A strip of the HGO material, flat and inflated as a ring, against \
         the homogeneous solution (S1-S3).
+    bending | statics.bending:Bending | A strip of solid-shell elements bent, pulled and twisted, against \
+        incompressible elements.
     land | statics.land:Land | Land et al. 2015, cardiac mechanics: beam, inflation, contraction.
 Studies and speed:
     kernels | studies.kernels:Kernels | Every kernel at several ratios of mesh to grid, both couplings; goes on \

@@ -8,6 +8,7 @@ from valvefsi.solid.statics.problem import (
     StaticSolution,
     evaluate_at,
     solve,
+    strain_energy,
 )
 from valvefsi.solid.statics.shell import SolidShell
 from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
@@ -26,4 +27,5 @@ __all__ = [
     "evaluate_at",
     "rotation",
     "solve",
+    "strain_energy",
 ]
