@@ -40,7 +40,8 @@ INSIDE = {
         {"elements", "moving_tether"},
         {"statics"},
         {"structure", "stress", "peaks", "moving_solid"},
-        {"dynamics"},
+        {"dynamics", "shell_stress"},
+        {"structure_stress"},
     ],
     "post": [{"diagnostics", "valve_record"}, {"valve_numbers", "plots"}, {"movies"}],
     "benchmarks": [

@@ -10,8 +10,8 @@ from valvefsi.geometry.leaflets import TYPES
 from valvefsi.geometry.valve import distribute, mesh_valve
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.peaks import SHARE, Peaks, columns_of, parts_of, percentile
-from valvefsi.solid.stress import stress_of_structure
 from valvefsi.solid.structure import Structure
+from valvefsi.solid.structure_stress import stress_of_structure
 
 C1, NAMES = 80.0, ("leaflet_1", "leaflet_2", "leaflet_3")
 MAPS = (np.diag([1.2, 1.0, 0.9]), np.array([[1.0, 0.3, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.eye(3))

@@ -16,8 +16,8 @@ from valvefsi.solid.loads import Pressure
 from valvefsi.solid.materials import LeeSacks, NeoHookean, fibres
 from valvefsi.solid.materials.fibre_reinforced import HGO, FibreFamily
 from valvefsi.solid.statics import Fixed, SolidShell, TaylorHood
-from valvefsi.solid.stress import stress_of_structure
 from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure_stress import stress_of_structure
 
 SHELL = {"element": "solid_shell", "kappa": 400.0}
 SOFT = NeoHookean(c1=3.0)

@@ -16,8 +16,9 @@ from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.solid import statics
 from valvefsi.solid.materials import MooneyRivlin, NeoHookean
-from valvefsi.solid.stress import LABELS, QUANTITIES, Stress, stress_of_solution, stress_of_structure
+from valvefsi.solid.stress import LABELS, QUANTITIES, Stress, stress_of_solution
 from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure_stress import stress_of_structure
 
 MATERIAL, KAPPA = NeoHookean(c1=50.0), 170.0
 KINDS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")

@@ -77,7 +77,7 @@ class StressRecorder:
 
 
 def _stress(solid: Structure, **options: Any) -> Stress:
-    from valvefsi.solid.stress import stress_of_structure  # compiles a form for each solid
+    from valvefsi.solid.structure_stress import stress_of_structure  # compiles a form for each solid
 
     fibres = solid.mesh.fibres
     options |= {"fibres": fibres, "fibre": next(iter(fibres))} if fibres else {}

@@ -53,7 +53,6 @@ class ShellStress(Stress):
         self.mesh, self.dim, self.has_fibre = elasticity.mesh, 3, fibre is not None
         self.degree = 3
         self.points, self.weights = basix.make_quadrature(basix.CellType.hexahedron, 3)
-        self._projection = None
         self._expression = self._compile(fibre)
         self._place = self._places()
 

@@ -22,7 +22,6 @@ from petsc4py import PETSc
 
 from valvefsi.errors import CaseError
 from valvefsi.solid.elements.numbering import number_nodes
-from valvefsi.solid.elements.shell_elasticity import ShellElasticity
 from valvefsi.solid.materials import Volumetric
 from valvefsi.solid.materials.kinematics import Kinematics
 
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
     from valvefsi.solid.materials import Material
     from valvefsi.solid.materials.parameters import Direction
     from valvefsi.solid.statics import StaticSolution
-    from valvefsi.solid.structure import Structure
     from valvefsi.types import Array
 
 QUANTITIES = ("pk1", "pk2", "cauchy", "von_mises", "principal_stretches", "fibre_stretch", "J")
@@ -213,14 +211,6 @@ class _Embedded(Kinematics):
 def stress_of_solution(solution: StaticSolution, material: Material, **options: Any) -> Stress:
     """Return the stress of an incompressible static solution; options as of `Stress` (collective)."""
     return Stress(solution.displacement, material, pressure=solution.pressure, **options)
-
-
-def stress_of_structure(structure: Structure, **options: Any) -> Stress:
-    """Return the stress of a structure at the position its `force` was last called with (collective)."""
-    if isinstance(structure.elasticity, ShellElasticity):
-        return structure.elasticity.stress(**options)
-    position = structure.elasticity.position
-    return Stress(position, structure.material, of_position=True, kappa=structure.kappa, **options)
 
 
 def _quantity(name: str, F: Array, P: Array, fibre: Array | None) -> Array:

@@ -22,8 +22,6 @@ from valvefsi.solid.materials.kinematics import Kinematics
 
 if TYPE_CHECKING:
     from valvefsi.solid.materials import Material
-    from valvefsi.solid.materials.parameters import Direction
-    from valvefsi.solid.shell_stress import ShellStress
     from valvefsi.types import Array, Mesh
 
 POINTS = 3
@@ -143,9 +141,3 @@ class ShellElasticity:
         """Return the volume, the exact integral of J dX [cm^3] (collective)."""
         self.set_position(chi)
         return self.mesh.comm.allreduce(self.cells.volume() if self._num_cells else 0.0)
-
-    def stress(self, *, fibre: Direction | None = None, **_: object) -> ShellStress:
-        """Return the stress at the position that was last asked about; options as of `Stress`."""
-        from valvefsi.solid.shell_stress import ShellStress
-
-        return ShellStress(self, fibre)
