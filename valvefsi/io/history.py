@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import math
 import os
 import warnings
 from collections.abc import Mapping, Sequence
@@ -74,7 +75,7 @@ class History:
             if columns and columns != self.columns:
                 found = ", ".join(columns)
                 raise CaseError(f"cannot go on with this history, its columns are {found}", file=self.path)
-            rows = [row for row in rows if int(row[0]) <= resume_step]
+            rows = [row for row in rows if float(row[0]) <= resume_step]
         self.path.parent.mkdir(parents=True, exist_ok=True)
         temporary = self.path.with_name(f".{self.path.name}.part")
         with temporary.open("w", newline="") as file:
@@ -93,16 +94,16 @@ def read_history(path: Path) -> dict[str, list[float]]:
 def _read_rows(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:
     """Return the column names and the rows that are whole: ended by a newline, one number for each column.
 
-    Others are passed over, and so is a row whose step is not above the one before it.
+    Others are passed over, and so is a row whose step (the first column) is not above the one before it.
     """
     text = path.read_text(encoding="utf-8", errors="replace")
     *lines, rest = text.replace("\r\n", "\n").split("\n")
-    columns, rows, last = tuple(lines[0].split(",")) if lines else (), [], -1
+    columns, rows, last = tuple(lines[0].split(",")) if lines else (), [], -math.inf
     for row in (line.split(",") for line in lines[1:]):
         with contextlib.suppress(ValueError):
-            if len([float(value) for value in row]) == len(columns) and int(row[0]) > last:
+            if len([float(value) for value in row]) == len(columns) and float(row[0]) > last:
                 rows.append(row)
-                last = int(row[0])
+                last = float(row[0])
     passed = max(len(lines) - 1, 0) - len(rows) + bool(rest)
     if passed:
         warnings.warn(f"{path}: {passed} damaged row{'s' * (passed > 1)} passed over", stacklevel=3)
