@@ -47,6 +47,10 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
             "32 x 16, 32 x 32": "bench compression --elements 32 --grid 32",
         },
     ),
+    "cook-coarse": ("Cook, immersed", {"25 x 25": "bench cook --grid 25 --stabilised both"}),
+    "torsion-coarse": ("Torsion, immersed", {"9 across": "bench torsion --grid 9 --stabilised both"}),
+    "shell": ("Shell and membrane at rest", {"": "bench shell"}),
+    "sphere": ("Soft sphere in a cavity", {"nodal": "bench sphere-in-cavity"}),
     "cavity": (
         "Lid-driven cavity",
         {
@@ -67,7 +71,15 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
 }
 """Name of the results: title, and the command (without ``valvefsi``) behind each case."""
 
-FIT = ("half_sum_of_squares", "r_squared", "relative_l2", "relative_linf")
+CASES = {"compression": "elements, cells"}
+"""What the names of the cases are, for the heading of a table."""
+FIT = {
+    "half_sum_of_squares": "half sum of squares",
+    "r_squared": "R2",
+    "relative_l2": "relative L2",
+    "relative_linf": "relative Linf",
+}
+"""Measures of a fit in ``fit.json``, and what they are called."""
 
 
 def main(names: list[str]) -> None:
@@ -88,7 +100,8 @@ def main(names: list[str]) -> None:
                     "wall_s": rounded(result.get("timing", {}).get("wall_s")),
                 }
             )
-        head = {"title": title, "origin": "run", "commit": commit(), **where(environment)}
+        cases_are = {"cases": CASES[name]} if name in CASES else {}
+        head = {"title": title, **cases_are, "origin": "run", "commit": commit(), **where(environment)}
         text = json.dumps(head | {"runs": runs, "quantities": rows}, indent=1, ensure_ascii=False)
         (RESULTS / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
@@ -115,9 +128,11 @@ def quantities(result: dict[str, Any]) -> list[dict[str, Any]]:
             named = {key: rounded(row.get(key)) for key in keys} | {"quantity": above}
             rows.append({key: value for key, value in named.items() if value not in (None, "")})
         return rows
-    rows = [{"quantity": key, "computed": rounded(result[key])} for key in FIT if key in result]
+    rows = [
+        {"quantity": name, "computed": rounded(result[key])} for key, name in FIT.items() if key in result
+    ]
     return rows + [
-        {"quantity": name, "computed": rounded(entry["value"]), "unit": entry["unit"]}
+        {"quantity": name, "computed": rounded(entry["value"]), "unit": entry["unit"].strip("-")}
         for name, entry in result["parameters"].items()
     ]
 

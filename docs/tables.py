@@ -72,7 +72,7 @@ def table(name: str, options: Mapping[str, str], results: Path = RESULTS) -> str
     ]
     if not wanted:
         raise SystemExit(f"{name}: no quantity matches {dict(options)}")
-    return LAYOUTS[options.get("rows", "list")](wanted) + f"\n{origin(result)}\n"
+    return LAYOUTS[options.get("rows", "list")](wanted, result.get("cases", "")) + f"\n{origin(result)}\n"
 
 
 def load(name: str, results: Path = RESULTS) -> dict[str, Any]:
@@ -80,36 +80,36 @@ def load(name: str, results: Path = RESULTS) -> dict[str, Any]:
     return json.loads((results / f"{name}.json").read_text(encoding="utf-8"))
 
 
-def as_list(rows: Sequence[Mapping[str, Any]]) -> str:
+def as_list(rows: Sequence[Mapping[str, Any]], cases_are: str) -> str:
     """Return one line per quantity."""
     cases = len({row["case"] for row in rows}) > 1
     compared = any("reference" in row for row in rows)
-    head = (["case"] if cases else []) + ["quantity", "computed"]
+    head = ([cases_are or "case"] if cases else []) + ["quantity", "computed"]
     head += ["reference", "difference", "source"] if compared else []
     lines = []
     for row in rows:
-        line = ([row["case"]] if cases else []) + [row["quantity"], with_unit(row["computed"], row)]
+        line = ([row["case"]] if cases else []) + [row["quantity"], with_unit(row)]
         lines.append(line + ([reference(row), difference(row), row.get("source", "")] if compared else []))
     return markdown(head, lines)
 
 
-def by_case(rows: Sequence[Mapping[str, Any]]) -> str:
+def by_case(rows: Sequence[Mapping[str, Any]], cases_are: str) -> str:
     """Return one line per case, a column per quantity."""
     names = list(dict.fromkeys((row["quantity"], row.get("unit", "")) for row in rows))
     cases = list(dict.fromkeys(row["case"] for row in rows))
-    cells = {(row["case"], row["quantity"]): number(row["computed"]) for row in rows}
+    cells = {(row["case"], row["quantity"]): computed(row) for row in rows}
     lines = [[case, *(cells.get((case, name), "") for name, _ in names)] for case in cases]
     references = {row["quantity"]: reference(row) for row in rows if "reference" in row}
     if references:
         lines.append(["reference", *(references.get(name, "") for name, _ in names)])
-    return markdown(["", *(f"{name} [{unit}]" if unit else name for name, unit in names)], lines)
+    return markdown([cases_are, *(f"{name} [{unit}]" if unit else name for name, unit in names)], lines)
 
 
-def by_quantity(rows: Sequence[Mapping[str, Any]]) -> str:
+def by_quantity(rows: Sequence[Mapping[str, Any]], cases_are: str) -> str:
     """Return one line per quantity, a column per case."""
     cases = list(dict.fromkeys(row["case"] for row in rows))
     names = list(dict.fromkeys((row["quantity"], row.get("unit", "")) for row in rows))
-    cells = {(row["quantity"], row["case"]): number(row["computed"]) for row in rows}
+    cells = {(row["quantity"], row["case"]): computed(row) for row in rows}
     references = {row["quantity"]: row for row in rows if "reference" in row}
     lines = []
     for name, unit in names:
@@ -117,10 +117,10 @@ def by_quantity(rows: Sequence[Mapping[str, Any]]) -> str:
         lines.append(line + ([reference(references.get(name, {}))] if references else []))
     sources = list(dict.fromkeys(row.get("source", "") for row in references.values()))
     last = [sources[0] if len(sources) == 1 and sources[0] else "reference"] if references else []
-    return markdown(["", *cases, *last], lines)
+    return markdown([cases_are, *cases, *last], lines)
 
 
-LAYOUTS: dict[str, Callable[[Sequence[Mapping[str, Any]]], str]] = {
+LAYOUTS: dict[str, Callable[[Sequence[Mapping[str, Any]], str], str]] = {
     "list": as_list,
     "case": by_case,
     "quantity": by_quantity,
@@ -148,7 +148,7 @@ def summary(results: Path = RESULTS) -> str:
         if not fitting:
             raise SystemExit(f"summary: {name} has no {quantity} of {case}")
         row = fitting[0]
-        lines.append([label, with_unit(row["computed"], row), reference(row), difference(row), row["source"]])
+        lines.append([label, with_unit(row), reference(row), difference(row), row["source"]])
     return markdown(["what", "computed", "reference", "difference", "source"], lines)
 
 
@@ -172,9 +172,9 @@ def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
     )
 
 
-def with_unit(value: object, row: Mapping[str, Any]) -> str:
-    """Return a value with the unit of its row."""
-    return f"{number(value)} {row.get('unit', '')}".strip()
+def with_unit(row: Mapping[str, Any]) -> str:
+    """Return the computed value of a row with its unit."""
+    return f"{computed(row)} {row.get('unit', '')}".strip()
 
 
 def reference(row: Mapping[str, Any]) -> str:
@@ -184,16 +184,23 @@ def reference(row: Mapping[str, Any]) -> str:
 
 def difference(row: Mapping[str, Any]) -> str:
     """Return how far a number is off its reference, empty where that means nothing."""
-    computed, known = row["computed"], row.get("reference")
-    if not isinstance(computed, int | float) or not isinstance(known, int | float) or known == 0:
+    value, known = row["computed"], row.get("reference")
+    if not isinstance(value, int | float) or not isinstance(known, int | float) or known == 0:
         return ""
-    percent = 100 * (computed - known) / abs(known)
+    percent = 100 * (value - known) / abs(known)
     return f"{percent:+.2f} %" if abs(percent) < 100 else f"{percent:+.0f} %"
 
 
-def number(value: object) -> str:
-    """Return a value as text, numbers with five digits at most."""
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+def number(value: object, digits: int = 5) -> str:
+    """Return a value as text, large numbers without decimals."""
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.{digits}g}"
+
+
+def computed(row: Mapping[str, Any]) -> str:
+    """Return the computed value of a row: five digits where it is compared with a number, else four."""
+    return number(row["computed"], 5 if row.get("reference") else 4)
 
 
 def main(arguments: Sequence[str]) -> int:

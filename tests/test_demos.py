@@ -31,7 +31,7 @@ TUTORIALS = {
     "03_flow_record_to_circuit": '"windkessel"',
     "04_beating_valve": "pericardial_valve.toml",
     "05_own_structure": '"mesh", "import"',
-    "06_new_material": "gent.Gent",
+    "06_new_material": "gent.py:Gent",
     "07_many_ranks": "MPIRUN",
 }
 """The tutorial of each kind of user, and what it cannot do without."""

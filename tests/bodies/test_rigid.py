@@ -11,42 +11,48 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi import fsi
+from valvefsi.bodies.patches import PatchedSurface
 from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.fluid.boundary import Boundary, Disk, Mixed, Open
-from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.geometry.aortic_section import AorticSection, joined, plug
+from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
 from valvefsi.units import MMHG
 
 RADIUS, LENGTH, H, DT = 0.6, 1.0, 0.1, 5e-5
 
 
-def model(comm, pressure, *, closed=True):
-    """A tube from side to side of a box, with or without a plug, under a pressure difference."""
-    grid = MacGrid([-1.0, -1.0, 0.0], [1.0, 1.0, LENGTH], (20, 20, 10), [False] * 3, comm)
-    ends = {"z_lower": (0.0, pressure), "z_upper": (LENGTH, 0.0)}
+def model(comm, pressure, *, closed=True, patched=False):
+    """A tube from side to side of a box, with or without a plug, under a pressure difference.
+
+    In patches it is longer, as points near the plug and the sides are held one by one, and the fluid is a valve's.
+    """
+    length, cells = (1.6, 16) if patched else (LENGTH, 10)
+    grid = MacGrid([-1.0, -1.0, 0.0], [1.0, 1.0, length], (20, 20, cells), [False] * 3, comm)
+    ends = {"z_lower": (0.0, pressure), "z_upper": (length, 0.0)}
     sides = {
         name: Mixed(open=Open(pressure=p), where=Disk(centre=(0.0, 0.0, z), radius=RADIUS))
         for name, (z, p) in ends.items()
     }
-    fluid = NavierStokes(grid, Boundary(grid, sides), rho=1.0, mu=0.04)
-    tube = AorticSection(inlet_radius=RADIUS, outlet_radius=RADIUS, sinus_depth=0.0)
-    surface = tube.housing(H, (0.5 * H, LENGTH - 0.5 * H))
-    if closed:
-        surface = joined(surface, plug(RADIUS, 0.5 * LENGTH, H))
-    coupling = Coupling(grid, "piecewise_linear")
-    share = 0.25 * H / largest_square_sum("piecewise_linear")
-    rigid = RigidSurface(
-        surface.points,
-        surface.areas,
-        coupling,
-        name="tube",
-        stiffness=share / DT**2,
-        damping=share / DT,
-    )
+    kind, advection = (ExplicitViscosity, "xsppm7") if patched else (NavierStokes, "centred")
+    fluid = kind(grid, Boundary(grid, sides), rho=1.0, mu=0.04, advection=advection)
+    section = AorticSection(inlet_radius=RADIUS, outlet_radius=RADIUS, sinus_depth=0.0)
+    ends = (0.5 * H, length - 0.5 * H)
+    surfaces = [section.housing(H, ends), plug(RADIUS, 0.5 * length, H)][: 2 if closed else 1]
+    surface, kernel = joined(*surfaces), "composite_bspline32" if patched else "piecewise_linear"
+    coupling, share = Coupling(grid, kernel), 0.25 * H / largest_square_sum(kernel)
+    springs = {"name": "tube", "stiffness": share / DT**2, "damping": share / DT}
+    if patched:
+        labels = patch_labels(surfaces, H, ends)
+        labels[len(surfaces[0].points) :] = SINGLE
+        assert (labels != SINGLE).mean() > 0.25
+        rigid = PatchedSurface(surface, labels, coupling, **springs)
+    else:
+        rigid = RigidSurface(surface.points, surface.areas, coupling, **springs)
     return fsi.Model(grid=grid, fluid=fluid, bodies=(rigid,))
 
 
@@ -65,8 +71,9 @@ def run(model, steps):
     return state, np.array(flows)
 
 
-def test_a_closed_tube_does_not_leak():
-    _, flows = run(model(MPI.COMM_WORLD, 100.0 * MMHG), 2400)
+@pytest.mark.parametrize("patched", [False, True])
+def test_a_closed_tube_does_not_leak(patched):
+    _, flows = run(model(MPI.COMM_WORLD, 100.0 * MMHG, patched=patched), 2400)
     leak = abs(flows[1800:].mean())
     assert leak < 0.1  # ml/s at 100 mmHg and h = 1 mm, what is asked of the aortic test section
     assert np.abs(flows).max() > 1.0  # the pressure does push: the springs give before they hold
@@ -80,8 +87,9 @@ def test_an_open_tube_lets_the_fluid_through():
     assert 0.5 * inertial < flows[-1] < 1.1 * inertial
 
 
-def test_every_point_belongs_to_one_rank_and_the_flow_does_not_depend_on_ranks():
-    together, alone = model(MPI.COMM_WORLD, 50.0 * MMHG), model(MPI.COMM_SELF, 50.0 * MMHG)
+@pytest.mark.parametrize("patched", [False, True])
+def test_every_point_belongs_to_one_rank_and_the_flow_does_not_depend_on_ranks(patched):
+    together, alone = (model(comm, 50.0 * MMHG, patched=patched) for comm in (MPI.COMM_WORLD, MPI.COMM_SELF))
     ids = np.concatenate(MPI.COMM_WORLD.allgather(together.bodies[0].ids))
     assert np.array_equal(np.sort(ids), np.arange(together.bodies[0].num_points))
     (state, flows), (_, expected) = run(together, 20), run(alone, 20)
@@ -113,6 +121,21 @@ def test_a_point_too_near_to_a_side_is_refused():
     coupling.stay(np.array([[0.5, 0.5, 0.05]]))
     with pytest.raises(StabilityError, match=r"0\.04"):
         coupling.stay(np.array([[0.5, 0.5, 0.04]]))
+
+
+def test_half_a_spacing_from_a_side_a_composite_kernel_meets_nothing_beyond_it():
+    grid = MacGrid([0.0] * 3, [1.0] * 3, (10, 10, 10), [False] * 3, MPI.COMM_SELF)
+    coupling = Coupling(grid, "composite_bspline32")
+    with pytest.raises(StabilityError, match=r"0\.04"):
+        coupling.stay(np.array([[0.5, 0.5, 0.04]]))
+    for place in (0.05, 0.95):
+        u = tuple(np.full(grid.shape, 1e30) for _ in range(3))
+        for d in range(3):
+            u[d][grid.owned_faces(d)] = 1.0
+        for axis in range(3):
+            X = np.full((1, 3), 0.43)
+            X[0, axis] = place
+            assert coupling.stay(X).interpolate(u) == pytest.approx(np.ones((1, 3)))
 
 
 @pytest.mark.parametrize(

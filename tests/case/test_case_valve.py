@@ -147,15 +147,21 @@ def test_the_housing_has_its_stent_and_is_held_as_firmly_as_asked(shared_tmp):
     case = coarse(2, "housing.hold=0.1")
     grid, section = build(case, shared_tmp).model.grid, case.housing.section()
     (rigid,) = build_rigid(case, grid)
-    tube = section.housing(0.2, (-1.9, 5.9)).points
+    tube = section.housing(0.2, (-1.9, 5.9))
     shape = case.solid[0].mesh.valve
-    stent = section.stent(0.2, shape.geometry(), shape.base).points
-    np.testing.assert_allclose(rigid.points, np.concatenate([tube, stent]), atol=1e-12)
-    held = 0.1 * case.fluid.density * 0.2 / largest_square_sum("piecewise_linear")
+    stent = section.stent(0.2, shape.geometry(), shape.base)
+    outward = rigid.points - np.concatenate([tube.points, stent.points])
+    normals = np.concatenate([tube.normals, stent.normals])
+    distance = np.linalg.norm(outward, axis=1)
+    np.testing.assert_allclose(outward, distance[:, None] * normals, atol=1e-12)
+    # The kernel's offset: one sixth along the grid, at most half the mean distance of two of its positions.
+    assert distance.min() == pytest.approx(0.2 / 6.0, rel=0.01)
+    assert distance.max() < 0.3 * 0.2
+    held = 0.1 * case.fluid.density * 0.2 / largest_square_sum("composite_bspline32")
     assert rigid.stiffness == pytest.approx(held / case.dt**2)
     assert rigid.damping == pytest.approx(held / case.dt)
     bare = case.model_copy(update={"housing": case.housing.model_copy(update={"stent": None})})
-    assert build_rigid(bare, grid)[0].num_points == len(tube)
+    assert build_rigid(bare, grid)[0].num_points == len(tube.points)
 
 
 @pytest.mark.parametrize(

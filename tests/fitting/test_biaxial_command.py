@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -93,7 +94,11 @@ def test_a_case_file_takes_the_material_as_it_is(record, tmp_path):
     assert len(families) == 2
     other = families[1] if isinstance(families[1], dict) else vars(families[1])
     assert other["k1"] == pytest.approx(1e4 * values["k1_2"], rel=1e-12)
-    assert other["fibre"] == 90.0
+    assert other["fibre"] == "90.0 deg from circumferential"
+    flat = fit_biaxial(
+        record, "hgo", families="2", fibre_angle=0.0, axis1="x", starts=1, profiles=False, draws=0
+    )
+    assert read_material(tomllib.loads(flat.material_toml()))["families"][1]["fibre"] == 90.0
 
 
 def test_the_summary_is_one_call_and_says_the_same_as_the_file(record):

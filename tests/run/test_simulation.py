@@ -205,3 +205,20 @@ def check_last_good_state(folder, error):
     state = simulation(folder)._first_state(resume=True)
     assert all(np.isfinite(c).all() for c in (*state.u, state.p, state.bodies[0]["chi"]))
     WORLD.barrier()
+
+
+def test_an_observer_adds_its_columns_and_sees_every_row(shared_tmp):
+    class Observer:
+        columns = ("middle_s",)
+        seen: list[int] = []
+
+        def row(self, state):
+            self.seen.append(state.step)
+            return {"middle_s": state.t - 0.5 * state.dt}
+
+    observer = Observer()
+    simulation(shared_tmp, observers=(observer,), history_every=2).run()
+    if WORLD.rank == 0:
+        history = read_history(shared_tmp / "history.csv")
+        assert set(map(int, history["step"])) <= set(observer.seen)
+        np.testing.assert_allclose(history["middle_s"][1:], np.array(history["t_s"])[1:] - 0.5 * DT)

@@ -122,9 +122,10 @@ def test_a_profile_reads_off_each_field_in_its_own_column():
 def test_frames_hold_every_kth_cell_of_a_part(every):
     grid = MacGrid([0.0, 0.0, 0.0], [1.6, 1.2, 0.8], (16, 12, 8), [False] * 3, MPI.COMM_WORLD)
     part = ((0.2, 0.0, 0.1), (1.4, 1.2, 0.8))
-    chosen, (cells, start, size, edges) = chosen_cells(grid, Output(directory=None, every=every, part=part))
+    chosen = chosen_cells(grid, Output(directory=None, every=every, part=part))
+    cells, start, size, edges = chosen.cells, chosen.start, chosen.size, chosen.box
     assert cells == tuple(len(np.arange(a + every // 2, b, every)) for a, b in ((2, 14), (0, 12), (1, 8)))
-    x, y, z = (np.broadcast_to(c, grid.shape)[grid.owned][chosen] for c in grid.points(None))
+    x, y, z = (np.broadcast_to(c, grid.shape)[grid.owned][chosen.own] for c in grid.points(None))
     assert x.shape == size
     for axis, values in enumerate((x, y, z)):
         e = np.asarray(edges[axis])

@@ -1,12 +1,16 @@
-"""What every benchmark leaves behind: ``result.json`` and the environment it was made in."""
+"""What every benchmark leaves behind: ``result.json``, rows of its table, and the environment it was made in."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import json
 import platform
+import resource
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -15,8 +19,28 @@ import valvefsi
 
 PACKAGES = ("fenics-dolfinx", "fenics-ufl", "numpy", "scipy", "numba", "mpi4py", "gmsh")
 
+Row = dict[str, Any]
+"""A line of a table: ``quantity``, ``computed``, ``reference``, ``difference_percent``, ``unit``, ``source``."""
 
-def environment(comm: MPI.Comm) -> dict[str, object]:
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """A value to compare with.
+
+    Attributes:
+        value: The value; None where only a band is known.
+        source: Where it is from.
+        band: Smallest and largest published value.
+        exact: Whether errors against it measure the order.
+    """
+
+    value: float | None = None
+    source: str = ""
+    band: tuple[float, float] | None = None
+    exact: bool = False
+
+
+def environment(comm: MPI.Comm) -> dict[str, Any]:
     """Versions, platform, ranks and date that belong to a result."""
     versions = {"valvefsi": valvefsi.__version__, "python": platform.python_version()}
     for name in PACKAGES:
@@ -26,7 +50,7 @@ def environment(comm: MPI.Comm) -> dict[str, object]:
             continue
     from valvefsi.runtime.dolfinx_compat import RELEASE
 
-    versions["fenics-dolfinx"] = RELEASE
+    versions["fenics-dolfinx"] = str(RELEASE)
     return {
         "versions": versions,
         "platform": platform.platform(),
@@ -37,7 +61,7 @@ def environment(comm: MPI.Comm) -> dict[str, object]:
     }
 
 
-def write_result(out: Path, result: dict[str, object], comm: MPI.Comm) -> Path:
+def write_result(out: Path, result: Mapping[str, Any], comm: MPI.Comm) -> Path:
     """Write ``result.json`` on rank 0; numbers keep all their digits.
 
     Args:
@@ -48,15 +72,21 @@ def write_result(out: Path, result: dict[str, object], comm: MPI.Comm) -> Path:
     path = Path(out) / "result.json"
     if comm.rank == 0:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(result, indent=2, default=_plain) + "\n")
+        path.write_text(json.dumps(result, indent=2, default=plain) + "\n")
     comm.barrier()
     return path
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """Return what JSON can hold: arrays as lists, what is neither as its text."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     return str(value)
+
+
+def peak_memory(comm: MPI.Comm) -> float:
+    """Return the largest resident size of all processes together so far [GiB] (collective)."""
+    return float(comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 2**20)
 
 
 def row(
@@ -67,7 +97,7 @@ def row(
     *,
     unit: str = "",
     relative: bool = True,
-) -> dict[str, object]:
+) -> Row:
     """One line of a benchmark's table: what was computed, what it is compared with, where that comes from."""
     difference = None
     if isinstance(computed, float) and isinstance(reference, float) and reference and relative:
@@ -80,3 +110,13 @@ def row(
         "unit": unit,
         "source": source,
     }
+
+
+def compared(label: str, value: float, reference: Reference, unit: str = "") -> Row:
+    """Return the line that compares a value with a reference, or says whether it lies in its band."""
+    if reference.band is None:
+        return row(label, value, reference.value, reference.source, unit=unit)
+    low, high = reference.band
+    inside = "inside" if low <= value <= high else "OUTSIDE"
+    line = row(label, value, f"{low:g} ... {high:g}", f"{inside}: {reference.source}", unit=unit)
+    return {**line, "inside": low <= value <= high}

@@ -4,8 +4,9 @@ Springs and dampers hold each point, F = w (-kappa d - eta U), with d the way th
 part of a grid spacing, the kernel stays where the point is at rest: its weights are made once, and every rank keeps the
 points of its own cells.
 
-Where points lie closer than their kernel tells apart, springs whose forces cancel in it are never held back and grow
-for as long as a run lasts: points may slip back through the fluid to their place, d' = u - slip d.
+Where points lie closer than their kernel tells apart, springs whose forces cancel in it grow for as long as a run lasts
+and thicken the surface. `valvefsi.bodies.patches` holds them in patches, which nothing drives through the surface; or
+points slip back through the fluid to their place, d' = u - slip d.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class RigidHalf:
     d: Array
     force: Array
     transfer: Transfer
-    slip: float
+    surface: RigidSurface
     dt: float
 
     def spread(self, f: Faces) -> None:
@@ -50,8 +51,8 @@ class RigidHalf:
         return self.transfer.interpolate(u_half)
 
     def whole(self, U: Array) -> Table:
-        """Return the state after the step, carried by the velocity U at its middle."""
-        return {"d": (1.0 - self.dt * self.slip) * self.d + self.dt * U}
+        """Return the state after the step, carried by the velocity U at its middle. Collective."""
+        return {"d": (1.0 - self.dt * self.surface.slip) * self.d + self.dt * self.surface.held(U)}
 
 
 class RigidSurface(BodyBase):
@@ -111,7 +112,7 @@ class RigidSurface(BodyBase):
         """Move half a step with the velocity that the points feel now, see `valvefsi.types.Body`. Collective."""
         U = self.transfer.interpolate(u)
         force = self.force(q["d"] + 0.5 * dt * U, U)
-        return RigidHalf(q["d"], force, self.transfer, self.slip, dt)
+        return RigidHalf(q["d"], force, self.transfer, self, dt)
 
     def stored(self, q: Table) -> float:
         """Return the energy of its springs [erg] (collective)."""
@@ -120,7 +121,11 @@ class RigidSurface(BodyBase):
 
     def force(self, d: Array, U: Array) -> Array:
         """Return the force on the fluid of points carried by d and moving with U, ``(n, 3)`` [dyn]."""
-        return self.weights[:, None] * (-self.stiffness * d - self.damping * U)
+        return self.weights[:, None] * self.held(-self.stiffness * d - self.damping * U)
+
+    def held(self, v: Array) -> Array:
+        """Return what the springs and dampers hold of a vector at the points, ``(n, 3)``: all of it (collective)."""
+        return v
 
     def timed(self, table: dict[str, float]) -> Self:
         """Return the surface with a clock around its transfer."""

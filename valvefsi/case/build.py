@@ -187,7 +187,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
         )
     check_against_mesh(case, number, tags=mesh.names, lower=lower.tolist(), upper=upper.tolist())
     key = f"solid.{given.name}"
-    mesh = add_fibres(mesh, given.fibre, key)
+    mesh = add_fibres(mesh, given.fibre, key, given.material)
     say_provenance(given.material, key, comm)
     try:
         return Structure(
@@ -207,6 +207,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
 
 def _discretisation(solid: Solid) -> Discretisation:
     return Discretisation(
+        element=solid.element,
         degree=solid.degree,
         quadrature_degree=solid.quadrature_degree,
         kernel=solid.kernel,

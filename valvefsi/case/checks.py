@@ -90,7 +90,7 @@ def check_against_mesh(
 
 def _check_sides(grid: Grid, sides: Sides) -> None:
     """Velocities have one entry per dimension and let no net flow in; two dimensions have no z sides."""
-    flow, scale = 0.0, 0.0
+    flow, scale, expressions = 0.0, 0.0, False
     lengths = [b - a for a, b in grid.bounds]
     for number, name in enumerate(type(sides).model_fields):
         side, (axis, upper) = getattr(sides, name), divmod(number, 2)
@@ -100,11 +100,12 @@ def _check_sides(grid: Grid, sides: Sides) -> None:
                 raise CaseError("a case in two dimensions has no such side; leave it out", key=key)
             continue
         _check_entries(side, grid.dim, key)
+        expressions |= bool(side.velocity_expression)  # their flow is checked where they are made functions
         if side.velocity:
             rate = side.velocity[axis] * math.prod(lengths) / lengths[axis]
             flow += -rate if upper else rate
             scale += abs(rate)
-    if abs(flow) > 1e-12 * scale and not sides.opens:
+    if abs(flow) > 1e-12 * scale and not sides.opens and not expressions:
         raise CaseError(
             f"the walls' velocities let {flow:g} cm^{grid.dim}/s into the box; in and out must balance, or a side be "
             "open",
@@ -147,6 +148,7 @@ def _check_solid(case: Case, solid: Solid, key: str) -> None:
 
         if dim != 3:
             raise CaseError("a valve needs three dimensions", key=f"{key}.mesh.valve")
+        _check_directions(solid, key)
         _check_tags(solid, key, VALVE_TAGS)
     if mesh.shape is not None:
         if mesh.shape_dim != dim:
@@ -158,6 +160,22 @@ def _check_solid(case: Case, solid: Solid, key: str) -> None:
         _check_tags(solid, key, SHAPES[mesh.shape][1])
         _check_place(case, solid, (mesh.lower, upper), f"{key}.mesh.lower", list(mesh.lower))
         _check_probes(solid, key, mesh.lower, upper)
+
+
+def _check_directions(solid: Solid, key: str) -> None:
+    """Three leaflets lie at 120 degrees to one another: one direction in space is not the tissue's in all of them."""
+    from valvefsi.case.materials import directions_of, material_kind
+
+    fixed = {fibre.name for fibre in solid.fibre if fibre.rule == "constant"}
+    for place, value in directions_of(material_kind(solid.material.model), solid.material.parameters):
+        if not isinstance(value, str) or value in fixed:
+            degrees = f"{value:g}" if isinstance(value, float) else "45"
+            raise CaseError(
+                "one direction in space is not that of the tissue in three leaflets; give it relative to each leaflet, "
+                f'"{degrees} deg from circumferential", or name a field of the mesh, "fibre_1"',
+                key=f"{key}.material.{place}",
+                value=value,
+            )
 
 
 def _check_output(case: Case) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, fields
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from valvefsi.case.material_tables import Material
+    from valvefsi.solid.materials.parameters import Direction
 
 ANGLE = re.compile(r"\s*[+-]?[\d.]+([eE][+-]?\d+)?\s*(deg|degree|degrees|rad|radian|radians)\s*")
+RELATIVE = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?) deg from circumferential\s*")
+"""A direction relative to a leaflet's own, towards the radial one."""
 RESERVED = ("model", "preset")
 
 
@@ -180,12 +183,27 @@ def _read_direction(value: object, path: str) -> object:
 
     if isinstance(value, str) and ANGLE.fullmatch(value):
         return Quantity("deg").parse(value)
+    relative = RELATIVE.fullmatch(value) if isinstance(value, str) else None
+    if relative:
+        return f"{Quantity('deg').parse(relative[1] + ' deg')!r} deg from circumferential"
     if isinstance(value, str) and not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", value):
-        raise _problem('expected the name of a fibre field, an angle like "45 deg", or a vector', path, value)
+        message = 'expected the name of a fibre field, "45 deg", "45 deg from circumferential", or a vector'
+        raise _problem(message, path, value)
     try:
         return checked_direction(value, path)
     except CaseError as error:
         raise _problem(error.reason, path, value) from None
+
+
+def directions_of(kind: type, values: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Direction]]:
+    """Give place and value of every direction among the parameters of a material, those of its tables too."""
+    for field in fields(kind):
+        what, value = field.metadata.get("kind"), values.get(field.name)
+        if what == "direction" and value is not None:
+            yield f"{path}{field.name}", value
+        elif what == "table":
+            for number, entry in enumerate(value or ()):
+                yield from directions_of(field.metadata["item"], entry, f"{path}{field.name}.{number}.")
 
 
 def material_schemas() -> list[dict[str, object]]:

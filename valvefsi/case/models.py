@@ -219,6 +219,10 @@ class Solid(Table):
     """A hyperelastic solid immersed in the fluid."""
 
     name: Name = Field(description="Name, used for files, in --set and in messages")
+    element: Literal["lagrange", "solid_shell"] = Field(
+        "lagrange",
+        description='"lagrange", or "solid_shell" for leaflets and other thin incompressible bodies of hexahedra',
+    )
     degree: Literal[1, 2] = Field(1, description="Polynomial degree of the elements, 1 or 2")
     quadrature_degree: int | None = Field(
         None,

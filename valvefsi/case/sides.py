@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,14 @@ from valvefsi.errors import CaseError
 from valvefsi.fluid import boundary
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
-from valvefsi.grid import Array, MacGrid
+from valvefsi.fluid.sides import Velocity
+from valvefsi.grid import MacGrid
+from valvefsi.types import Array
 
+GOLDEN, TIMES = 0.6180339887498949, 64
+"""Fractions k GOLDEN mod 1 fall evenly and never in step with a period: times at which walls are checked."""
+UNBALANCED = 0.01
+"""Net flow into a box that nothing leaves, as a part of what goes in and out, from which it is refused."""
 EXPLICIT_SHARE = 0.5
 """Part of the limit of explicit viscosity up to which it is chosen."""
 
@@ -75,10 +81,53 @@ def build_boundary(case: Case, grid: MacGrid) -> Boundary:
         if not grid.periodic[number // 2]:
             key = f"fluid.sides.{name}"
             sides[name] = _side(getattr(case.fluid.sides, name), case, grid.dim, key)
+    if not case.fluid.sides.opens:
+        _check_balance(case, sides)
     try:
         return Boundary(grid, sides)
     except ValueError as error:
         raise CaseError(str(error), file=case.file, key="fluid.sides") from None
+
+
+def _check_balance(case: Case, sides: Mapping[str, boundary.Side]) -> None:
+    """Refuse walls whose velocities let a net flow into a box that nothing leaves.
+
+    The flow through the faces of each wall is summed at times spread over the run; quadrature errs by the square of
+    the cell's width, so that a small part is let through.
+
+    Raises:
+        CaseError: With the flow and the time.
+    """
+    moving = {name: side.velocity for name, side in sides.items() if isinstance(side, boundary.Wall)}
+    if not any(callable(velocity) for velocity in moving.values()):
+        return
+    edges = [np.asarray(part, dtype=float) for part in case.grid.edges]
+    flows = []
+    times = case.time.t_end * (GOLDEN * np.arange(TIMES) % 1.0)
+    for t in times:
+        rates = [_inflow(name, velocity, edges, float(t)) for name, velocity in moving.items()]
+        flows.append([sum(rates), sum(map(abs, rates))])
+    net, gross = np.abs(flows).T
+    worst = int(net.argmax())
+    if net[worst] > UNBALANCED * gross.max():
+        raise CaseError(
+            f"the walls let {flows[worst][0]:.4g} cm^{case.grid.dim}/s into the box at t = {times[worst]:.4g} s, and "
+            "nothing leaves it; in and out must balance, or a side be open",
+            file=case.file,
+            key="fluid.sides",
+        )
+
+
+def _inflow(name: str, velocity: tuple[float, ...] | Velocity, edges: list[Array], t: float) -> float:
+    """Return the flow through a wall into the box [cm^3/s, or cm^2/s in two dimensions]."""
+    axis, upper = "xyz".index(name[0]), name.endswith("upper")
+    places = [0.5 * (part[1:] + part[:-1]) for part in edges]
+    widths = [np.diff(part) for part in edges]
+    places[axis], widths[axis] = edges[axis][[-1 if upper else 0]], np.ones(1)
+    x, y, z = np.meshgrid(*(places + [np.zeros(1)])[:3], indexing="ij")
+    areas = np.prod(np.meshgrid(*widths, indexing="ij"), axis=0).reshape(x.shape)
+    normal = (velocity(x, y, z, t) if callable(velocity) else velocity)[axis]
+    return float(np.sum(normal * areas)) * (-1.0 if upper else 1.0)
 
 
 def _side(side: Side, case: Case, dim: int, key: str) -> boundary.Side:

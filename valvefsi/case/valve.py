@@ -6,25 +6,33 @@ from dataclasses import replace
 
 from mpi4py import MPI
 
-from valvefsi.bodies.rigid import RigidSurface
+from valvefsi.bodies.patches import PatchedSurface
 from valvefsi.case.models import Case
 from valvefsi.case.valve_tables import ValveShape
 from valvefsi.coupling.kernel_properties import largest_square_sum
+from valvefsi.coupling.offsets import surface_offset
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError, raise_together
-from valvefsi.geometry.aortic_section import joined
+from valvefsi.geometry.aortic_section import PointSurface, attachment_line, joined
 from valvefsi.geometry.mesh import SolidMesh
+from valvefsi.geometry.patches import patch_labels
 from valvefsi.geometry.valve import ValveMesh, distribute, mesh_valve
 from valvefsi.grid import MacGrid
 from valvefsi.run.recording import Orifice
 from valvefsi.solid.materials import fibres
+from valvefsi.types import Indices
 
-KERNEL = "piecewise_linear"
-"""Kernel of rigid surfaces (S15)."""
+KERNEL = "composite_bspline32"
+"""Kernel of rigid surfaces: it turns a uniform pressure on them into the gradient of one."""
+
+LINE = 720
+"""Points around the axis that mark where the leaflets are attached."""
 
 
 def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
     """Mesh the leaflets of a valve for a grid of spacing h, with fibre fields fibre_1, ... and fibre, the first.
+
+    The leaflets' own directions are the fields circumferential and radial.
 
     Note:
         Collective.
@@ -68,7 +76,7 @@ def valve_of(case: Case) -> tuple[str, ValveShape]:
     return case.solid[found[0]].name, found[1]
 
 
-def build_rigid(case: Case, grid: MacGrid) -> tuple[RigidSurface, ...]:
+def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
     """Build the housing of a case, with its stent.
 
     Springs and dampers are a given part of what an explicit step carries on the mass that the kernel moves, see
@@ -83,28 +91,44 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[RigidSurface, ...]:
     housing = case.housing
     if housing is None:
         return ()
-    h, (low, high) = case.grid.spacing, case.grid.bounds[2]
-    section = housing.section()
-    surfaces = [section.housing(h, (low + 0.5 * h, high - 0.5 * h))]
-    if housing.stent is not None:
-        _, shape = valve_of(case)
-        surfaces.append(section.stent(h, shape.geometry(), shape.base))
-    surface = joined(*surfaces)
+    surface, labels = _patched_section(case)
+    h = case.grid.spacing
     share = housing.hold * case.fluid.density * h / largest_square_sum(KERNEL)
     problem = rigid = None
     try:
-        rigid = RigidSurface(
-            surface.points,
-            surface.areas,
+        rigid = PatchedSurface(
+            surface,
+            labels,
             Coupling(grid, KERNEL),
             name="housing",
             stiffness=share / case.dt**2,
             damping=share / case.dt,
-            faces=surface.faces,
         )
     except StabilityError as error:
         message = f"the housing does not fit into the core of the box: {error}"
-        problem = CaseError(message, file=case.file, key="housing", value=f"radius {section.widest:.4g} cm")
+        problem = CaseError(
+            message, file=case.file, key="housing", value=f"radius {housing.section().widest:.4g} cm"
+        )
     raise_together(grid.comm, problem)
     assert rigid is not None  # or all ranks have raised
     return (rigid,)
+
+
+def _patched_section(case: Case) -> tuple[PointSurface, Indices]:
+    """Return the points of the housing and its stent, and the patch of each.
+
+    The points lie outside the surfaces by the kernel's offset, so that the fluid is at rest on them.
+    """
+    h, (low, high) = case.grid.spacing, case.grid.bounds[2]
+    housing = case.housing
+    assert housing is not None  # `build_rigid` has looked
+    section = housing.section()
+    ends = (low + 0.5 * h, high - 0.5 * h)
+    surfaces, seam = [section.housing(h, ends)], None
+    if housing.stent is not None:
+        _, shape = valve_of(case)
+        surfaces.append(section.stent(h, shape.geometry(), shape.base))
+        seam = attachment_line(shape.geometry(), shape.base, LINE)
+    labels = patch_labels(surfaces, h, ends, seam)
+    whole = joined(*surfaces)
+    return whole.moved(h * surface_offset(KERNEL, whole.normals, (0.0, 0.0, 1.0))), labels

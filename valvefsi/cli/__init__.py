@@ -21,19 +21,12 @@ import typer
 
 from valvefsi import __version__
 from valvefsi.cli.bench import bench
-from valvefsi.cli.bench_table import bench_table
 from valvefsi.cli.fit import fit
-from valvefsi.cli.immersed import immersed
-from valvefsi.cli.kernel_study import kernel_study
 from valvefsi.cli.mesh import mesh
 from valvefsi.cli.movie import movie
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
-from valvefsi.cli.statics import statics
-from valvefsi.cli.streams import streams
-from valvefsi.cli.turek import turek
-from valvefsi.cli.valve_2d import valve_2d
 from valvefsi.errors import CaseError, Stopped, SurroundingsError, ValvefsiError, reason_of
 
 PATIENCE, GRACE = 5.0, 0.5
@@ -54,13 +47,6 @@ app.command()(run)
 app.command()(case)
 app.command()(plot)
 app.command()(movie)
-bench.add_typer(statics)
-bench.add_typer(immersed)
-bench.add_typer(kernel_study)
-bench.add_typer(streams)
-bench.add_typer(valve_2d)
-bench.add_typer(turek)
-bench.add_typer(bench_table)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 app.add_typer(mesh, name="mesh")

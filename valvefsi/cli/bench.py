@@ -1,126 +1,56 @@
-"""``valvefsi bench``: published benchmarks and the speed of this machine."""
+"""``valvefsi bench``: published benchmarks, studies, and the speed of this machine."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import HELP, Out, Overwrite, Plan, Resume, Set
-from valvefsi.cli.progress import Progress
-from valvefsi.cli.tables import show_result
-from valvefsi.errors import CaseError
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
+from valvefsi.benchmarks.registry import ENTRIES, markdown
+from valvefsi.cli.bench_command import add
+from valvefsi.cli.options import HELP
+from valvefsi.cli.tables import WIDE, print_table
 
 bench = typer.Typer(help="Run a published benchmark and compare.", **HELP)
+for _entry in ENTRIES:
+    add(bench, _entry)
 
 
-@dataclass(frozen=True)
-class Compression:
-    """Options of ``bench compression``."""
-
-    elements: Annotated[
-        int | None,
-        typer.Option(min=2, help="Elements along the block's 20 cm; 32, a series: as many as cells."),
-    ] = None
-    grid: Annotated[
-        int | None, typer.Option(min=4, help="Cells along each edge of the box; 64, a series: 16 and finer.")
-    ] = None
-    kernel: Annotated[str, typer.Option(help="Kernel of the coupling.")] = "bspline3"
-    nu_stab: Annotated[
-        str,
-        typer.Option("--nu-stab", metavar="V|off", help="Numerical Poisson ratio of the volumetric term."),
-    ] = "0.4"
-    refine: Annotated[
-        int, typer.Option(min=0, max=4, help="Number of finer grids: a series, stabilised and not.")
-    ] = 0
-    overrides: Set = None
-    out: Out = None
-    plan: Plan = False
-    resume: Resume = False
-    overwrite: Overwrite = False
-
-
-@bench.command()
-@options_of(Compression)
-def compression(given: Compression) -> None:
-    """Benchmark E.1: a block compressed by a load, immersed, against the incompressible statics."""
-    from mpi4py import MPI
-
-    from valvefsi.benchmarks import compression as benchmark
-
-    comm, out, plan = MPI.COMM_WORLD, given.out, given.plan
-    numbers = {"elements": given.elements, "grid": given.grid, "kernel": given.kernel}
-    numbers |= {"nu_stab": _nu_stab(given.nu_stab), "overrides": given.overrides or ()}
-    if given.refine:
-        if plan:
-            raise CaseError("a plan is of one run", key="--plan", value="--refine")
-        _compression_series(numbers | {"refine": given.refine}, out, comm)
-        return
-    numbers |= {"elements": given.elements or 32, "grid": given.grid or 64}
-    name = "compression-M{elements}-N{grid}-{kernel}".format_map(numbers)
-    folder = out if out is not None else Path("results") / f"{name}-{given.nu_stab}"
-    with Progress(comm, "compressed block") as progress:
-        result = benchmark.run(
-            benchmark.Setup(**numbers),
-            out=folder,
-            plan=plan,
-            resume=given.resume,
-            overwrite=given.overwrite,
-            comm=comm,
-            progress=progress,
-        )
-    show_result(result, comm, None if plan else folder)
-
-
-def _compression_series(numbers: dict[str, object], out: Path | None, comm: MPI.Comm) -> None:
-    """Run the block on several grids; runs that the folder holds already are not run again."""
-    from valvefsi.benchmarks import compression_study as benchmark
-    from valvefsi.cli.immersed import shown
-
-    folder = out or Path("results") / "compression-series"
-    result = benchmark.run(benchmark.Series(**numbers), out=folder, comm=comm, progress=shown(comm))
-    show_result(result, comm, folder)
-
-
-@bench.command()
-def speed(
-    size: Annotated[
-        str, typer.Option("--sizes", metavar="N,N", help="Cells per edge, one or several.")
-    ] = "64,128",
-    dim: Annotated[int, typer.Option(min=2, max=3, help="Dimensions.")] = 3,
-    steps: Annotated[int, typer.Option(min=1, help="Steps that are timed.")] = 5,
-    model: Annotated[bool, typer.Option("--model", help="Predict steps on many cores too.")] = False,
-    overrides: Set = None,
-    out: Out = None,
+@bench.command("table", rich_help_panel="Results")
+def table(
+    folders: Annotated[
+        list[Path] | None, typer.Argument(metavar="[DIR]...", help="Folders of results, with all in them.")
+    ] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Also what is compared with nothing.")] = False,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE.md", help="The table; a picture lies beside it.")
+    ] = Path("results/benchmarks.md"),
 ) -> None:
-    """Time a step of the fluid against a pair of cosine transforms of the same grid."""
-    from mpi4py import MPI
+    """Gather results of benchmarks: computed, reference, difference, source, grid, ranks, date, time."""
+    from rich.console import Console
 
-    from valvefsi.benchmarks import speed as benchmark
+    from valvefsi.post.plots.comparison import differences
+    from valvefsi.verification.collection import COLUMNS, collect
+    from valvefsi.verification.collection import markdown as as_table
 
-    if not all(part.strip().isdigit() and int(part) >= 4 for part in size.split(",")):
-        raise CaseError("expected whole numbers of at least 4, such as 64,128", key="--sizes", value=size)
-    sizes = [int(part) for part in size.split(",")]
-    comm, folder = MPI.COMM_WORLD, out if out is not None else Path("results") / "speed"
-    if model and dim == 2:
-        raise CaseError("the cost model is of three dimensions", key="--model", value="--dim 2")
-    result = benchmark.run(
-        sizes=sizes, dim=dim, steps=steps, out=folder, overrides=overrides or [], comm=comm, model=model
-    )
-    show_result(result, comm, folder)
+    lines = collect(folders or [Path("results")], everything=everything)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(as_table(lines))
+    rows = [
+        (line.benchmark, line.label(), line.difference_percent)
+        for line in lines
+        if line.difference_percent is not None
+    ]
+    picture = differences(out.with_suffix(".png"), rows, title="Benchmarks against their references")
+    numbers = ("computed", "reference", "off", "ranks", "time")
+    columns = {name: "right" if name in numbers else "left" for name in COLUMNS}
+    console = Console(width=None if Console().is_terminal else WIDE + 60)
+    print_table(console, "benchmarks", columns, [line.cells() for line in lines])
+    console.print(f"table in {out}, picture in {picture}", highlight=False, soft_wrap=True, markup=False)
 
 
-def _nu_stab(text: str) -> float | None:
-    try:
-        value = None if text == "off" else float(text)
-    except ValueError:
-        value = float("nan")
-    if value is not None and not -1 < value < 0.5:
-        raise CaseError('expected a number above -1 and below 0.5, or "off"', key="--nu-stab", value=text)
-    return value
+@bench.command("list", rich_help_panel="Results")
+def commands() -> None:
+    """Print the benchmarks as tables in Markdown, for documents."""
+    typer.echo(markdown(), nl=False)

@@ -60,9 +60,10 @@ class Coupling:
         fine = np.array(grid.fine[:dim])
         self.low = np.where(free, fine[:, 0] + margin, -np.inf)
         self.high = np.where(free, fine[:, 1] - margin, np.inf)
-        # Half a spacing nearer to a side the kernel still meets no face beyond it, only those on it.
+        # A kernel may meet the faces on a side, but none beyond it and no centre beyond: both half a point farther in.
         at_side = np.isclose(fine, np.array([grid.lower[:dim], grid.upper[:dim]]).T, rtol=0.0, atol=1e-9)
-        nearer = 0.5 * grid.spacing[:dim, None] * at_side
+        nearest = max(0.5 * self.kind[1] - 1.0, 0.5 * self.kind[2] - 0.5)
+        nearer = (self.reach - nearest) * grid.spacing[:dim, None] * at_side
         self.low_rigid, self.high_rigid = self.low - nearer[:, 0], self.high + nearer[:, 1]
         # A moving point within the margin of a side that reflects needs its mirror image.
         self.signs = {side: sign for side, sign in (signs or {}).items() if at_side[side[0], int(side[1])]}

@@ -179,14 +179,6 @@ def _reported(
     assessment = assess(
         best, with_profiles=options.profiles, draws=options.draws, seed=options.seed, notify=notify
     )
-    said = [
-        f"protocol {name}, predicted: relative L2 {100 * size['relative_l2']:.3g} %, R2 {size['r_squared']:.4f}"
-        for name, size in predictions.items()
-    ] + [
-        f"{name}: half sum of squares {size['half_sum_of_squares']:.6g}, {size['n_free']} parameters, "
-        f"AICc {size['aicc']:.5g}, BIC {size['bic']:.5g}, held-out error {100 * size['held_out']:.3g} %"
-        for name, size in comparison.items()
-    ]
     report = Report(
         kind="biaxial",
         model=problem.material.model,
@@ -200,7 +192,7 @@ def _reported(
             "comparison": comparison,
             "stability": checked.as_dict(),
         },
-        more=(*said, *checked.lines()),
+        more=(*_said(predictions, comparison), *checked.lines()),
     )
     return BiaxialFit(
         fit=best,
@@ -211,6 +203,17 @@ def _reported(
         comparison=comparison,
         stability=checked,
     )
+
+
+def _said(predictions: Measures, comparison: Measures) -> list[str]:
+    return [
+        f"protocol {name}, predicted: relative L2 {100 * size['relative_l2']:.3g} %, R2 {size['r_squared']:.4f}"
+        for name, size in predictions.items()
+    ] + [
+        f"{name}: half sum of squares {size['half_sum_of_squares']:.6g}, {size['n_free']} parameters, "
+        f"AICc {size['aicc']:.5g}, BIC {size['bic']:.5g}, held-out error {100 * size['held_out']:.3g} %"
+        for name, size in comparison.items()
+    ]
 
 
 def _compared(fit: Fit) -> dict[str, float]:

@@ -16,10 +16,10 @@ import numpy as np
 from valvefsi.errors import CaseError
 from valvefsi.fitting import uncertainty
 from valvefsi.fitting.least_squares import Notify, Parameter, Problem, fit
-from valvefsi.fitting.report import Report, assess, measures, number, toml
+from valvefsi.fitting.report import Assessment, Report, assess, measures, number, toml
 from valvefsi.fitting.waveform_repair import find_outliers, find_period, whole_cycles
 from valvefsi.fitting.waveforms import Waveforms, read_waveforms
-from valvefsi.fitting.windkessel_checks import coarseness, lag_of
+from valvefsi.fitting.windkessel_checks import Lag, coarseness, lag_of
 from valvefsi.fitting.windkessel_models import (
     BOUNDS,
     CIRCUITS,
@@ -153,7 +153,7 @@ def fit_windkessel(
         if settings.lag == "check"
         else None
     )
-    coarse = coarseness(best, simulator, settings.periodic)
+    said = [line for line in (lag.line() if lag else "", coarseness(best, simulator)) if line]
     assessment = assess(
         best,
         with_profiles=settings.profiles,
@@ -162,35 +162,48 @@ def fit_windkessel(
         doubt="the record has a lag" if lag else "",
         notify=notify,
     )
-    norms = measures(problem.data, best.curve, waves.t[simulator.kept])
+    return _reported(
+        assessment, waves, simulator, circuit, cycles, (*notes, *said, *assessment.remarks()), lag
+    )
+
+
+def _reported(
+    assessment: Assessment,
+    waves: Waveforms,
+    simulator: Simulator,
+    circuit: str,
+    cycles: Cycles,
+    notes: tuple[str, ...],
+    lag: Lag | None,
+) -> CircuitReport:
+    """Return a fit with everything that is said about it."""
+    best, model = assessment.fit, simulator.model
+    norms = measures(best.problem.data, best.curve, waves.t[simulator.kept])
     together = uncertainty.combined(best, {name: c.function for name, c in model.together.items()})
+    units = {name: model.together[name].unit for name in together}
+    lines = [
+        f"norms over time (S24): relative L2 {100 * norms['relative_l2']:.4g} %, "
+        f"Linf {100 * norms['relative_linf']:.4g} %"
+    ]
+    for name, (value, deviation) in together.items():
+        spread = "not fixed by the data" if deviation is None else f"std {number(deviation)}"
+        lines.append(f"together: {name} = {number(value)} {units[name]}, {spread}")
     return CircuitReport(
         kind="windkessel",
         model=circuit,
         assessment=assessment,
         files=(waves.file,) if waves.file else (),
-        notes=(*notes, *filter(None, [lag.line() if lag else "", coarse]), *assessment.remarks()),
+        notes=notes,
         extra={
             "norms_over_time": norms,
-            "periodic": settings.periodic,
+            "periodic": simulator.periodic,
             "period_s": cycles.period,
             "cycles": cycles.count,
             "lag": lag.as_dict() if lag else None,
-            "combinations": {
-                name: {"value": value, "unit": model.together[name].unit, "std": deviation}
-                for name, (value, deviation) in together.items()
-            },
+            "combinations": {n: {"value": v, "unit": units[n], "std": d} for n, (v, d) in together.items()},
             "ci95_correlated_residuals": uncertainty.widened(best, assessment.linear, assessment.alike),
         },
-        more=(
-            f"norms over time (S24): relative L2 {100 * norms['relative_l2']:.4g} %, "
-            f"Linf {100 * norms['relative_linf']:.4g} %",
-            *(
-                f"together: {name} = {number(value)} {model.together[name].unit}, "
-                + ("not fixed by the data" if deviation is None else f"std {number(deviation)}")
-                for name, (value, deviation) in together.items()
-            ),
-        ),
+        more=tuple(lines),
         waves=waves,
         simulator=simulator,
     )
@@ -238,18 +251,7 @@ def build_problem(
         lagged: Whether the lag is a parameter; what the settings say if not given.
     """
     lagged = settings.lag == "fit" if lagged is None else lagged
-    units = model.parameters
-    _check_fixed(model, settings)
-    sample = {
-        name: settings.fixed.get(name, model.starts[name][0]) * SIZES[unit] for name, unit in units.items()
-    }
-    states = () if settings.periodic else model.kind(**sample).system().states
-    units |= {f"{state}{TAIL}": UNITS[state[0]] for state in states} | ({LAG: "ms"} if lagged else {})
-    for name in (*settings.fixed, *settings.bounds):
-        if name not in units:
-            raise CaseError(
-                f"no such parameter, expected one of {', '.join(units)}", key="parameter", value=name
-            )
+    units = _units(model, settings, lagged)
     kept = np.arange(len(waves.t))
     if lagged and not settings.periodic:
         most = min(LAG_MOST / 1e3, 0.1 * waves.span)
@@ -281,6 +283,23 @@ def build_problem(
     except (ValueError, np.linalg.LinAlgError) as error:
         raise CaseError(str(error), key="circuit") from None
     return simulator, problem
+
+
+def _units(model: CircuitModel, settings: Settings, lagged: bool) -> dict[str, str]:
+    """Return the unit of each parameter: the circuit's, initial states, and the lag; check the names of settings."""
+    units = model.parameters
+    _check_fixed(model, settings)
+    sample = {
+        name: settings.fixed.get(name, model.starts[name][0]) * SIZES[unit] for name, unit in units.items()
+    }
+    states = () if settings.periodic else model.kind(**sample).system().states
+    units |= {f"{state}{TAIL}": UNITS[state[0]] for state in states} | ({LAG: "ms"} if lagged else {})
+    for name in (*settings.fixed, *settings.bounds):
+        if name not in units:
+            raise CaseError(
+                f"no such parameter, expected one of {', '.join(units)}", key="parameter", value=name
+            )
+    return units
 
 
 def _check_fixed(model: CircuitModel, settings: Settings) -> None:

@@ -72,7 +72,7 @@ def lag_of(best: Fit, simulator: Simulator, problem: Problem) -> Lag | None:
     return Lag(value=float(done.values[-1]), std=float(std), changes=_changes(best, done.values))
 
 
-def coarseness(best: Fit, simulator: Simulator, periodic: bool) -> str:
+def coarseness(best: Fit, simulator: Simulator) -> str:
     """Return a warning where the sampling is coarse for the flow, nothing where it is not.
 
     Inputs linear between samples err as the square of the interval: what a parameter moves by when every second
@@ -81,10 +81,9 @@ def coarseness(best: Fit, simulator: Simulator, periodic: bool) -> str:
     Args:
         best: The fit.
         simulator: The circuit driven by the record.
-        periodic: The record is a whole number of cycles and keeps its last sample.
     """
     count = len(simulator.t)
-    kept = np.unique(np.append(np.arange(0, count, 2), count - 1)) if periodic else np.arange(0, count, 2)
+    kept = np.unique(np.append(np.arange(0, count, 2), count - 1))  # the last closes a cycle
     if len(kept) < FEWEST or LAG in simulator.names or not best.problem.free:
         return ""
     thin = replace(simulator, t=simulator.t[kept], u=simulator.u[kept], kept=np.arange(len(kept)), _last={})

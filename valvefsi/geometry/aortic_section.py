@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,12 +36,18 @@ class PointSurface:
     Attributes:
         points: Points, ``(n, 3)`` [cm].
         areas: Area of each, ``(n,)`` [cm^2].
+        normals: Unit normals, away from the axis or along it, ``(n, 3)``.
         faces: Corners of quadrilaterals for pictures, ``(m, 4)``.
     """
 
     points: Array
     areas: Array
+    normals: Array
     faces: NDArray[np.int64]
+
+    def moved(self, distance: Array) -> PointSurface:
+        """Return the surface with each point moved along its normal, ``(n,)`` [cm]."""
+        return replace(self, points=self.points + distance[:, None] * self.normals)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,8 +128,8 @@ class AorticSection:
         around = 3 * math.ceil(2.0 * math.pi * valve.radius / (3 * SPACING * h))
         phi = 2.0 * math.pi * np.arange(around) / around
         top = height + stent_height(valve, phi)
-        points, areas = [], []
-        count, width = 0, 2.0 * math.pi * valve.radius / around
+        points, areas, normals = [], [], []
+        width = 2.0 * math.pi * valve.radius / around
         for angle, upper in zip(phi, top, strict=True):
             n = max(2, math.ceil((upper - self.annulus) / (SPACING * h)) + 1)
             z = np.linspace(self.annulus, upper, n)
@@ -136,9 +142,12 @@ class AorticSection:
             share = np.full(n, (upper - self.annulus) / (n - 1))
             share[[0, -1]] *= 0.5
             areas.append(width * share)
-            count += n
+            normals.append(np.tile([math.cos(angle), math.sin(angle), 0.0], (n, 1)))
         return PointSurface(
-            points=np.concatenate(points), areas=np.concatenate(areas), faces=np.zeros((0, 4), np.int64)
+            points=np.concatenate(points),
+            areas=np.concatenate(areas),
+            normals=np.concatenate(normals),
+            faces=np.zeros((0, 4), np.int64),
         )
 
 
@@ -148,6 +157,19 @@ def stent_height(valve: ValveGeometry, phi: Array) -> Array:
     u = angle / valve.half_angle
     attached = valve.attachment(np.clip(u, -1.0, 1.0))[:, 2]
     return np.where(np.abs(u) >= 1.0 - 1e-9, valve.height, attached)
+
+
+def attachment_line(valve: ValveGeometry, height: float, num_points: int) -> Array:
+    """Return points of the line where the leaflets meet the stent, ``(num_points, 3)`` [cm].
+
+    Args:
+        valve: The valve.
+        height: z of the lowest point of its attachment [cm].
+        num_points: Number of points around the axis.
+    """
+    phi = 2.0 * math.pi * np.arange(num_points) / num_points
+    circle = valve.radius * np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    return np.concatenate([circle, height + stent_height(valve, phi)[:, None]], axis=1)
 
 
 def plug(radius: float, z: float, h: float) -> PointSurface:
@@ -162,8 +184,12 @@ def plug(radius: float, z: float, h: float) -> PointSurface:
         points.append(np.stack([r * np.cos(phi), r * np.sin(phi), np.full(n, z)], axis=1))
         inner, outer = r - 0.5 * step, min(r + 0.5 * step, radius)
         areas.append(np.full(n, math.pi * (outer**2 - inner**2) / n))
+    places = np.concatenate(points)
     return PointSurface(
-        points=np.concatenate(points), areas=np.concatenate(areas), faces=np.zeros((0, 4), np.int64)
+        points=places,
+        areas=np.concatenate(areas),
+        normals=np.tile([0.0, 0.0, 1.0], (len(places), 1)),
+        faces=np.zeros((0, 4), np.int64),
     )
 
 
@@ -173,6 +199,7 @@ def joined(*surfaces: PointSurface) -> PointSurface:
     return PointSurface(
         points=np.concatenate([s.points for s in surfaces]),
         areas=np.concatenate([s.areas for s in surfaces]),
+        normals=np.concatenate([s.normals for s in surfaces]),
         faces=np.concatenate([s.faces + k for s, k in zip(surfaces, shift, strict=True)]),
     )
 
@@ -186,12 +213,17 @@ def _surface(radius: Callable[[Array, Array], Array], z: Array, around: int) -> 
     e = 1e-5
     along = (_place(radius, phi + e, Z) - _place(radius, phi - e, Z)) / (2 * e)
     up = (_place(radius, phi, Z + e) - _place(radius, phi, Z - e)) / (2 * e)
-    areas = np.linalg.norm(np.cross(along, up), axis=-1) * step * (z[1] - z[0])
+    normals = np.cross(along, up)
+    areas = np.linalg.norm(normals, axis=-1)
+    normals /= areas[..., None]
+    areas *= step * (z[1] - z[0])
     areas[[0, -1]] *= 0.5
     index = np.arange(rows * around).reshape(rows, around)
     turned = np.roll(index, -1, axis=1)
     faces = np.stack([index[:-1], turned[:-1], turned[1:], index[1:]], axis=-1).reshape(-1, 4)
-    return PointSurface(points=points.reshape(-1, 3), areas=areas.ravel(), faces=faces)
+    return PointSurface(
+        points=points.reshape(-1, 3), areas=areas.ravel(), normals=normals.reshape(-1, 3), faces=faces
+    )
 
 
 def _place(radius: Callable[[Array, Array], Array], phi: Array, z: Array) -> Array:

@@ -49,7 +49,8 @@ class ValveMesh:
         cells: Corners of the cells, 8 or 4 each, ``(num_cells, 8 or 4)``.
         leaflet: Number of each cell's leaflet, 1 to 3, ``(num_cells,)``.
         facets: Corners of the outer facets by tag: "inflow", "outflow", "attached", "free".
-        fibres: Unit vectors at the cells' middles by name, "fibre_1", ..., each ``(num_cells, 3)``.
+        fibres: Unit vectors at the cells' middles by name, "circumferential", "radial" and "fibre_1", ..., each
+            ``(num_cells, 3)``.
         elements: Number around, from the attachment to the free edge, through the thickness.
     """
 
@@ -278,7 +279,7 @@ def _fibres(geometry: ValveGeometry, counts: tuple[int, int, int]) -> dict[str, 
     n = _normals(geometry, U, V)
     c /= np.linalg.norm(c, axis=1, keepdims=True)
     m = np.cross(n, c)
-    found = {}
+    found = {name: np.repeat(a, layers, axis=0) for name, a in (("circumferential", c), ("radial", m))}
     for number, angle in enumerate(geometry.fibre_angles, start=1):
         a = math.cos(math.radians(angle)) * c + math.sin(math.radians(angle)) * m
         found[f"fibre_{number}"] = np.repeat(a, layers, axis=0)

@@ -98,7 +98,9 @@ def _read_rows(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:
     """
     text = path.read_text(encoding="utf-8", errors="replace")
     *lines, rest = text.replace("\r\n", "\n").split("\n")
-    columns, rows, last = tuple(lines[0].split(",")) if lines else (), [], -math.inf
+    columns: tuple[str, ...] = tuple(lines[0].split(",")) if lines else ()
+    rows: list[list[str]] = []
+    last = -math.inf
     for row in (line.split(",") for line in lines[1:]):
         with contextlib.suppress(ValueError):
             if len([float(value) for value in row]) == len(columns) and float(row[0]) > last:

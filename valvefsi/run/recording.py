@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -51,6 +52,19 @@ class Orifice:
     radius: float
 
 
+class Observer(Protocol):
+    """Adds columns of its own to the history, and may keep what it sees."""
+
+    @property
+    def columns(self) -> Sequence[str]:
+        """Names of its columns."""
+        ...
+
+    def row(self, state: State) -> dict[str, float]:
+        """Return a value for each column (collective)."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Output:
     """What is written, where and how often.
@@ -69,6 +83,7 @@ class Output:
         part: Lower and upper corner of the part of the box that it holds, None for all of it [cm].
         forces: Bodies whose force the history holds.
         energy: Whether the history holds the balance of energy.
+        observers: What adds columns of its own to the history.
         orifice: Valve whose open area the history holds.
         sections: Planes and disks by name whose flow and mean pressure the history holds.
         dissipation: Whether the history holds the viscous dissipation of the box.
@@ -90,6 +105,7 @@ class Output:
     part: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     forces: tuple[ForceOutput, ...] = ()
     energy: bool = False
+    observers: tuple[Observer, ...] = ()
     orifice: Orifice | None = None
     sections: Mapping[str, Section] = field(default_factory=dict)
     dissipation: bool = False
@@ -195,6 +211,7 @@ class Recorder:
             columns += [f"u_{axis}_{probe.name}_cm" for axis in "xyz"[: grid.dim]]
         for meter in self.meters:
             columns += meter.columns
+        columns += [name for observer in output.observers for name in observer.columns]
         if output.orifice is not None:
             columns.append("pdva_cm2")
         if output.dissipation:
@@ -243,6 +260,8 @@ class Recorder:
             row |= {f"u_{axis}_{probe.name}_cm": shift[a] for a, axis in enumerate("xyz"[: grid.dim])}
         for meter in self.meters:
             row |= meter.row(state)
+        for observer in self.output.observers:
+            row |= observer.row(state)
         return row | self._open_area(state) | self._read_off(state) | self._circuits(state)
 
     def _open_area(self, state: State) -> dict[str, float]:

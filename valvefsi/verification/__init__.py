@@ -1,1 +1,1 @@
-"""Norms, tables, observed order."""
+"""How far numbers may be trusted: norms, observed order, grid convergence, results gathered."""

@@ -119,6 +119,38 @@ def circumferential(
     return from_function(mesh, direction, degree=degree)
 
 
+def turned(mesh: Mesh, angle: float) -> fem.Function:
+    """Make a fibre field in the tangent plane of a leaflet, turned from its circumferential to its radial direction.
+
+        a = cos(angle) e_c + sin(angle) e_r
+
+    Args:
+        mesh: A ``SolidMesh`` with the fibre fields "circumferential" and "radial", as meshes of valves have them.
+        angle: The angle [deg].
+
+    Raises:
+        CaseError: The mesh lacks one of the two fields, or they are not of one kind.
+
+    Note:
+        Collective.
+    """
+    missing = [name for name in ("circumferential", "radial") if name not in mesh.fibres]
+    if missing:
+        raise CaseError(
+            f"an angle from circumferential needs the mesh's fibre field {' and '.join(missing)}: add it with "
+            '[[solid.fibre]], or give a flat sheet\'s angle to the x axis, such as "45 deg"',
+            key="fibre",
+            value=f"{angle:g} deg from circumferential",
+        )
+    around, up = mesh.fibres["circumferential"], mesh.fibres["radial"]
+    if around.x.array.shape != up.x.array.shape:
+        raise CaseError("circumferential and radial fibre fields are of different degrees", key="fibre")
+    count = around.function_space.dofmap.index_map.size_local * mesh.dim
+    turn = math.radians(angle)
+    values = math.cos(turn) * around.x.array[:count] + math.sin(turn) * up.x.array[:count]
+    return _fill(mesh, around.function_space, values.reshape(-1, mesh.dim))
+
+
 def blend(
     mesh: Mesh,
     angles: Mapping[str, float],

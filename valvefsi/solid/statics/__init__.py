@@ -9,6 +9,7 @@ from valvefsi.solid.statics.problem import (
     evaluate_at,
     solve,
 )
+from valvefsi.solid.statics.shell import SolidShell
 from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "Fixed",
     "LoadStep",
     "NearlyIncompressible",
+    "SolidShell",
     "SolverOptions",
     "StaticSolution",
     "Symmetry",

@@ -1,0 +1,131 @@
+"""Flow in a plane channel between open sides: steady (Poiseuille) and oscillating (Womersley), against closed forms.
+
+Height, density and the amplitude of the pressure gradient G are 1. With the channel between y = 0 and 1,
+
+    Poiseuille: u = G y (1 - y) / (2 mu)
+    Womersley:  u = Re{G / (i w) [1 - cosh(k (y - 1/2)) / cosh(k / 2)] exp(i w t)},  k^2 = i w / mu
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi import fsi
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
+from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.results import row
+from valvefsi.fluid.boundary import Boundary, Open
+from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.grid import Array, MacGrid
+from valvefsi.verification.convergence import observed_order
+
+KINDS = ("poiseuille", "womersley")
+
+
+def poiseuille(y: Array, mu: float) -> Array:
+    """Velocity of the steady flow at heights y."""
+    return y * (1.0 - y) / (2.0 * mu)
+
+
+def womersley(y: Array, t: float, number: float, mu: float) -> Array:
+    """Velocity of the oscillating flow at heights y; the number is 1/2 sqrt(w / mu), half a height over the layer."""
+    w = mu * (2.0 * number) ** 2
+    k = np.sqrt(1j * w / mu)
+    profile = (1.0 - np.cosh(k * (y - 0.5)) / np.cosh(0.5 * k)) / (1j * w)
+    return np.real(profile * np.exp(1j * w * t))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel(Benchmark[int, None]):
+    """Both flows on grids of N, 2 N, ... cells across."""
+
+    name = "channel"
+    parameters = {"womersley": (6.0, "1"), "viscosity": (0.1, "1"), "length": (2.0, "1")}
+
+    cells: int = option(16, "Cells across on the coarsest grid.", flag="--grid", least=4)
+    refine: int = option(2, "Number of finer grids.", least=0)
+
+    def runs(self) -> list[int]:
+        return refined(self.cells, self.refine)
+
+    def one(self, run: int, job: Job) -> Record:
+        found = {kind: measure(kind, run, self.values, job.comm) for kind in KINDS}
+        return {"cells": run, "errors": {kind: found[kind].pop("error") for kind in KINDS}, "_curves": found}
+
+    def report(self, records: Sequence[Record], known: None) -> Report:
+        errors = {kind: [record["errors"][kind] for record in records] for kind in KINDS}
+        table = []
+        for kind, kept in errors.items():
+            name = f"{kind}, {{}} across: largest error / largest speed"
+            table += [row(name.format(r["cells"]), e) for r, e in zip(records, kept, strict=True)]
+            order = observed_order(kept, exact=0.0)
+            if order is not None:
+                table.append(row(f"{kind}: observed order", order, 2.0, "order of the scheme"))
+        return Report(
+            parameters=self.values | {"cells": self.runs()},
+            quantities=errors,
+            reference={"source": "closed form"},
+            table=table,
+        )
+
+    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+        from valvefsi.post.plots.decay import profiles
+
+        curves = {kind: list(found.values()) for kind, found in records[-1]["_curves"].items()}
+        title = f"Flow in a channel, {records[-1]['cells']} cells across"
+        profiles(out / "profiles.png", curves, title=title)
+
+
+def measure(kind: str, n: int, parameters: Values, comm: MPI.Comm) -> dict[str, Any]:
+    """Run one flow from its closed form and return its largest error and its profiles at four times (collective)."""
+    mu, length = parameters["viscosity"], parameters["length"]
+    number = parameters["womersley"]
+    frequency = mu * (2.0 * number) ** 2
+    steady = kind == "poiseuille"
+    t_end = 0.5 / mu if steady else 2.0 * np.pi / frequency
+
+    def exact(y: Array, t: float) -> Array:
+        return poiseuille(y, mu) if steady else womersley(y, t, number, mu)
+
+    def pressure(x: Array, y: Array, z: Array, t: float) -> float:
+        return length * (1.0 if steady else float(np.cos(frequency * t)))
+
+    grid = MacGrid([0.0, 0.0], [length, 1.0], [max(8, n // 4), n], [False, False], comm)
+    ends = {"x_lower": Open(pressure=pressure, backflow=0.0), "x_upper": Open(backflow=0.0)}
+    fluid = NavierStokes(grid, Boundary(grid, ends), rho=1.0, mu=mu)
+    y = grid.points(0)[1]
+    steps = 4 * max(4, n)
+    dt, x = t_end / steps, grid.points()[0]
+    p = grid.zeros() + pressure(x, y, y, -0.5 * dt) * (1.0 - x / length)
+    model = fsi.Model(grid=grid, fluid=fluid)
+    state = fsi.initial_state(model, dt, (exact(y, 0.0) + grid.zeros(), grid.zeros()), p)
+    error, speed, shown = 0.0, 0.0, []
+    own = grid.owned_faces(0)
+    for k in range(steps):
+        state, t = fsi.step(model, state, dt), (k + 1) * dt
+        if (k + 1) % (steps // 4) == 0:
+            here = exact(y, t) + grid.zeros()
+            error = max(error, float(np.abs(state.u[0] - here)[own].max()))
+            speed = max(speed, float(np.abs(here[own]).max()))
+            shown.append((t, _profile(grid, state.u[0])))
+    return {
+        "error": comm.allreduce(error, op=MPI.MAX) / comm.allreduce(speed, op=MPI.MAX),
+        "y": grid.centres(1),
+        "profiles": shown,
+        "exact": [exact(np.linspace(0, 1, 201), t) for t, _ in shown],
+    }
+
+
+def _profile(grid: MacGrid, u: Array) -> Array:
+    """Mean along the channel of the velocity at every height, on all ranks."""
+    whole = np.zeros(grid.cells[1])
+    mine = slice(grid.start[1], grid.start[1] + grid.size[1])
+    whole[mine] = u[grid.owned].sum(axis=(0, 2)) / grid.cells[0]
+    grid.comm.Allreduce(MPI.IN_PLACE, whole)
+    return whole

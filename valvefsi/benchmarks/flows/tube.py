@@ -1,0 +1,285 @@
+"""Flow in a straight tube of held points, at any angle to the grid, from rest to long after it has settled.
+
+The tube goes through a periodic box along a direction in which box and tube meet again: along z, or in the plane of x
+and z with the ratio of whole numbers as tangent. A force along the axis drives the fluid in it. From rest the mean
+speed over the one of the parabola is, with the zeros z_k of the Bessel function J_0,
+
+    Q(t) / Q_final = 1 - sum_k 32 / z_k^4 exp(-z_k^2 nu t / R^2)          (Szymanski 1932)
+
+which has settled to 1 % after some R^2 / (5.78 nu) times five. The points lie outside the tube by the kernel's offset,
+`valvefsi.coupling.offsets`. ``wall=points`` holds them one by one: then the wall thickens for as long as the run lasts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from scipy.special import jn_zeros
+
+from valvefsi import fsi
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
+from valvefsi.benchmarks.options import Parameters, Values, option, read_quantities
+from valvefsi.benchmarks.results import row
+from valvefsi.benchmarks.running import completed
+from valvefsi.bodies.patches import PatchedSurface
+from valvefsi.coupling.kernel_properties import largest_square_sum
+from valvefsi.coupling.kernels import BSPLINE, KERNELS
+from valvefsi.coupling.offsets import surface_offset
+from valvefsi.coupling.transfer import Coupling
+from valvefsi.errors import CaseError
+from valvefsi.fluid.boundary import Boundary
+from valvefsi.fluid.navier_stokes import ExplicitViscosity
+from valvefsi.geometry.aortic_section import SPACING, PointSurface
+from valvefsi.geometry.patches import SINGLE, patch_labels
+from valvefsi.grid import MacGrid
+from valvefsi.run.recording import Output
+from valvefsi.run.schedule import Schedule
+from valvefsi.run.simulation import Simulation
+from valvefsi.types import Array, Faces
+
+PARAMETERS: Parameters = {
+    "radius": (1.25, "cm"),
+    "relaxation": (0.1, "s"),
+    "t_end": (6.0, "s"),
+    "step": (0.8, "1"),
+    "hold": (0.25, "1"),
+    "shift": (0.1, "1"),
+    "wall": ("patches", ("patches", "points")),
+    "kernel": ("composite_bspline32", tuple(name for name, kind in KERNELS.items() if kind[0] == BSPLINE)),
+}
+DIRECTIONS = {0: (0, 1), 20: (4, 11), 45: (1, 1)}
+"""Cells along x and z after which the axis comes back to the same place, by angle to z in degrees (20: 19.98)."""
+MARGIN = 5.0
+"""Least distance of the tube from its next image, in spacings."""
+FINAL = 5.783185962946785
+"""Square of the first zero of J_0: R^2 / (FINAL nu) is the time in which the flow settles."""
+TIMES = 60
+"""Terms of the series."""
+
+
+def start_up(t: Array, relaxation: float) -> Array:
+    """Return flow over final flow at times t after the force begins, same shape; R^2 / (5.78 nu) = relaxation."""
+    z = jn_zeros(0, TIMES)
+    decay = np.exp(-np.multiply.outer(np.asarray(t, dtype=float), z**2) / (FINAL * relaxation))
+    return 1.0 - decay @ (32.0 / z**4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axis:
+    """Where the tube lies in its box.
+
+    Attributes:
+        cells: Cells of the box.
+        h: Grid spacing [cm].
+        frame: Unit vectors along the axis and two across it, ``(3, 3)``.
+        length: Length of the axis in the box [cm].
+        through: A point on it, ``(3,)`` [cm].
+        radius: Radius of the tube [cm].
+    """
+
+    cells: tuple[int, int, int]
+    h: float
+    frame: Array
+    length: float
+    through: Array
+    radius: float
+
+    def distance(self, x: Faces) -> Array:
+        """Distance of places from the nearest image of the axis [cm]."""
+        box = self.h * np.array(self.cells)
+        nearest: Array = np.full(1, np.inf)
+        for image in np.ndindex(3, 3, 3):
+            at = [c - o for c, o in zip(x, self.through + (np.array(image) - 1.0) * box, strict=True)]
+            across = [sum(e * c for e, c in zip(unit, at, strict=True)) for unit in self.frame[1:]]
+            nearest = np.minimum(nearest, np.hypot(*across))
+        return nearest
+
+    def surface(self) -> PointSurface:
+        """Return the tube's points, at most half a spacing apart."""
+        rows = 2 * math.ceil(self.length / (2.0 * SPACING * self.h))
+        around = math.ceil(2.0 * math.pi * self.radius / (SPACING * self.h))
+        turned = 0.5 * (np.arange(rows)[:, None] % 2)
+        phi = (2.0 * math.pi / around * (np.arange(around) + turned)).ravel()
+        along = np.repeat(self.length / rows * np.arange(rows), around)
+        normals = np.outer(np.cos(phi), self.frame[1]) + np.outer(np.sin(phi), self.frame[2])
+        area = 2.0 * math.pi * self.radius * self.length / len(phi)
+        return PointSurface(
+            points=self.through + np.outer(along, self.frame[0]) + self.radius * normals,
+            areas=np.full(len(phi), area),
+            normals=normals,
+            faces=np.zeros((0, 4), dtype=np.int64),
+        )
+
+
+def axis_at(angle: int, h: float, values: Values) -> Axis:
+    """Return the tube's place in the smallest periodic box; shifted against the grid by ``shift`` and half of it."""
+    i, k = DIRECTIONS[angle]
+    apart = math.ceil(2.0 * values["radius"] / h + MARGIN)
+    times = math.ceil(apart * math.hypot(i, k) / (i * k)) if i else 4
+    cells = (i * times or apart, apart, k * times)
+    tangent = np.array([i, 0.0, k]) / math.hypot(i, k)
+    across = np.array([tangent[2], 0.0, -tangent[0]])
+    middle = 0.5 * h * np.array(cells) * (1.0, 1.0, 0.0)
+    return Axis(
+        cells=cells,
+        h=h,
+        frame=np.stack([tangent, across, [0.0, 1.0, 0.0]]),
+        length=h * times * math.hypot(i, k),
+        through=middle + h * values["shift"] * np.array([1.0, 0.5, 0.0]),
+        radius=values["radius"],
+    )
+
+
+class DrivenFluid(ExplicitViscosity):
+    """A fluid with a constant force density on it, ``drive`` [dyn/cm^3]."""
+
+    drive: Faces = ()
+
+    def step(
+        self,
+        u: Faces,
+        p: Array,
+        advection: tuple[Faces, Faces, float],
+        f: Faces,
+        t: float,
+        dt: float,
+        pressures: Mapping[str, float] | None = None,
+    ) -> tuple[Faces, Array]:
+        """Advance by one step, see `NavierStokes.step`."""
+        for force, constant in zip(f, self.drive, strict=True):
+            force += constant
+        return super().step(u, p, advection, f, t, dt, pressures)
+
+
+def build(angle: int, h: float, values: Values, comm: MPI.Comm) -> tuple[fsi.Model, Faces, float]:
+    """Return the model, the weights whose product with the velocity is the flow over the final one, and the step [s].
+
+    Note:
+        Collective.
+    """
+    axis, R = axis_at(angle, h, values), values["radius"]
+    grid = MacGrid([0.0] * 3, [h * n for n in axis.cells], axis.cells, [True] * 3, comm)
+    mu = R**2 / (FINAL * values["relaxation"])  # the density is 1 g/cm^3
+    dt = values["step"] * ExplicitViscosity.limit(grid, rho=1.0, mu=mu)
+    inside = [np.clip(0.5 + (R - axis.distance(grid.points(d))) / h, 0.0, 1.0) for d in range(3)]
+    fluid = DrivenFluid(grid, Boundary(grid, {}), rho=1.0, mu=mu)
+    fluid.drive = tuple(8.0 * mu / R**2 * axis.frame[0, d] * inside[d] for d in range(3))
+    part = h**3 / (axis.length * math.pi * R**2)  # the final mean speed is 1 cm/s
+    weights = tuple(part * axis.frame[0, d] * inside[d] for d in range(3))
+    surface, kernel = axis.surface(), values["kernel"]
+    labels = (
+        patch_labels([surface], h) if values["wall"] == "patches" else np.full(len(surface.points), SINGLE)
+    )
+    surface = surface.moved(h * surface_offset(kernel, surface.normals, tuple(axis.frame[0])))
+    share = values["hold"] * h / largest_square_sum(kernel)
+    springs = {"stiffness": share / dt**2, "damping": share / dt}
+    wall = PatchedSurface(surface, labels, Coupling(grid, kernel), name="tube", **springs)
+    return fsi.Model(grid=grid, fluid=fluid, bodies=(wall,)), weights, dt
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Reads off the flow over the final one."""
+
+    model: fsi.Model
+    weights: Faces
+    relaxation: float
+    columns = ("flow_over_final", "flow_error_percent")
+
+    def row(self, state: fsi.State) -> dict[str, float]:
+        """Return the flow and how far it is off the series [% of the final flow] (collective)."""
+        grid = self.model.grid
+        places = [grid.owned_faces(d) for d in range(3)]
+        here = sum(np.vdot(w[o], u[o]) for w, u, o in zip(self.weights, state.u, places, strict=True))
+        flow = float(grid.comm.allreduce(here))
+        exact = float(start_up(np.array(state.t), self.relaxation))
+        return dict(zip(self.columns, (flow, 100.0 * (flow - exact)), strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tube(Benchmark[float, None]):
+    """Flow in a tube of held points, from rest until long after it has settled."""
+
+    name = "tube"
+    resumable = True
+    parameters = PARAMETERS
+
+    grid: str = option("1 mm", "Grid spacing; the tube is 25 mm wide.", metavar="H")
+    angle: int = option(0, "Angle of the tube to the grid [degrees].", choices=tuple(DIRECTIONS))
+
+    def check(self, values: Values) -> None:
+        """Refuse parts of a limit above it, and what is no spacing."""
+        if not self.spacing > 0.0:
+            raise CaseError("expected a positive length", key="--grid", value=self.grid)
+        for key in ("step", "hold"):
+            if values[key] > 1.0:
+                message = "expected a part of the limit, at most 1"
+                raise CaseError(message, file="--set", key=key, value=values[key])
+
+    @property
+    def spacing(self) -> float:
+        """Grid spacing [cm]."""
+        return read_quantities({"grid": (0.1, "cm")}, [f"grid={self.grid}"])["grid"]
+
+    def runs(self) -> list[float]:
+        """Return the spacing."""
+        return [self.spacing]
+
+    def one(self, run: float, job: Job) -> Record:
+        """Run the tube and read off its flow."""
+        values = self.values
+        model, weights, dt = build(self.angle, run, values, job.comm)
+        steps = max(4, math.ceil(values["t_end"] / dt))
+        output = Output(
+            directory=job.folder,
+            history_every=max(1, steps // 600),
+            checkpoint_wall_s=600.0,
+            observers=(Flow(model, weights, values["relaxation"]),),
+            provenance={**values, "grid": run, "angle": self.angle},
+        )
+        simulation = Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=np.inf), output)
+        h = completed(simulation, job)
+        return {
+            "t": h["t_s"].tolist(),
+            "flow": h["flow_over_final"].tolist(),
+            "error": h["flow_error_percent"].tolist(),
+            "steps": steps,
+            "cells": list(model.grid.cells),
+        }
+
+    def report(self, records: Sequence[Record], known: None) -> Report:
+        """Return the error at the end, the largest one and its drift over the second half."""
+        (r,), unit = records, "% of the final flow"
+        t, error = np.array(r["t"]), np.array(r["error"])
+        middle, last = np.interp([0.5 * t[-1], t[-1]], t, error)
+        table = [
+            row("flow, error at the end", float(last), unit=unit),
+            row("largest error, start-up included", float(np.abs(error).max()), unit=unit),
+            row("change of the error over the second half", float(np.ptp(error[t > 0.5 * t[-1]])), unit=unit),
+        ]
+        return Report(
+            parameters={**self.values, "h": self.spacing, "angle": self.angle},
+            quantities={
+                "flow_error_percent": float(last),
+                "largest_flow_error_percent": float(np.abs(error).max()),
+                "drift_percent": float(last - middle),
+            },
+            more={"size": {"cells": r["cells"], "across": 2.0 * self.values["radius"] / self.spacing}},
+            table=table,
+            timing={"steps": r["steps"]},
+        )
+
+    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+        """Draw the flow over the series, and how far it is off."""
+        from valvefsi.post.plots.tube import start_up_flow
+
+        t, flow, error = (np.array(records[0][key]) for key in ("t", "flow", "error"))
+        exact = start_up(t, self.values["relaxation"])
+        across = 2.0 * self.values["radius"] / self.spacing
+        title = f"Tube of held points, {across:.3g} cells across, {self.angle} degrees to the grid"
+        start_up_flow(out / "flow.png", (t[1:], flow[1:], exact[1:], error[1:]), title=title)

@@ -1,0 +1,367 @@
+"""The frame of all benchmarks.
+
+A benchmark states its options and parameters, its runs, what one of them measures, what it is compared with and what
+is drawn. `Benchmark.run` owns the rest: the series of runs, finished ones that a folder keeps, the clock, memory,
+``result.json`` after each run (so that a finer one that is stopped loses nothing), pictures at the end.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import time
+from abc import ABC, abstractmethod
+from collections import defaultdict
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, is_dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from mpi4py import MPI
+
+from valvefsi.benchmarks.options import Parameters, Values, check_options, option, read_parameters
+from valvefsi.benchmarks.results import Row, environment, peak_memory, plain, write_result
+from valvefsi.runtime.memory import keep_freed_memory
+
+Record = dict[str, Any]
+"""What one run gives, by name; names that begin with "_" are for pictures and in no file."""
+
+Result = dict[str, Any]
+"""The contents of ``result.json``."""
+
+R = TypeVar("R")
+"""What tells one run of a benchmark from another: its cells, its numerics."""
+K = TypeVar("K")
+"""What a benchmark is compared with, found before the first run."""
+
+
+class Progress(Protocol):
+    """Called after every step: steps, time, end of the run, and what else is worth a look."""
+
+    def __call__(self, step: int, t: float, t_end: float, info: Mapping[str, Any], /) -> None:
+        """Show how far the run is."""
+        ...
+
+
+class Announce(Protocol):
+    """Called before each run, and at the end with ``done == total``: makes what shows the run."""
+
+    def __call__(self, name: str, done: int, total: int, left: float | None) -> Progress | None:
+        """Say that the run ``name`` is next, after ``done`` of ``total``, with ``left`` seconds to go if known."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """Where one run happens.
+
+    Attributes:
+        folder: Folder of its files, not made yet.
+        comm: Communicator.
+        progress: Called after every step; may be left out.
+        resume: Whether to go on from a checkpoint in the folder.
+    """
+
+    folder: Path
+    comm: MPI.Comm
+    progress: Progress | None = None
+    resume: bool = False
+
+    def show(self, step: int, t: float, t_end: float, **info: Any) -> None:
+        """Show how far the run is."""
+        if self.progress is not None:
+            self.progress(step, t, t_end, info)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """What the runs so far say.
+
+    Attributes:
+        parameters: What was run.
+        table: Lines that compare.
+        quantities: Numbers by name.
+        reference: What they are compared with.
+        timing: Numbers beside the wall-clock time.
+        more: Further entries of ``result.json``.
+    """
+
+    parameters: Mapping[str, Any]
+    table: Sequence[Row]
+    quantities: Mapping[Any, Any] = field(default_factory=dict)
+    reference: Mapping[str, Any] = field(default_factory=dict)
+    timing: Mapping[str, Any] = field(default_factory=dict)
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command(ABC):
+    """What ``valvefsi bench`` runs; its fields are options.
+
+    Raises:
+        CaseError: An option or an override cannot be used.
+    """
+
+    name: ClassVar[str]
+    resumable: ClassVar[bool] = False
+    """Whether an interrupted run can go on from its checkpoint."""
+
+    overrides: Sequence[str] = option(
+        (), "Set a parameter, such as t_end='2 s'. Repeatable.", flag="--set", metavar="KEY=VALUE"
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run before any work."""
+        check_options(self)
+
+    @property
+    def folder(self) -> str:
+        """Name of the folder of the results."""
+        return self.name
+
+    @abstractmethod
+    def run(
+        self,
+        *,
+        out: Path,
+        comm: MPI.Comm = MPI.COMM_WORLD,
+        progress: Announce | None = None,
+        resume: bool = False,
+    ) -> Result:
+        """Run everything and write it down.
+
+        Args:
+            out: Folder of the results.
+            comm: Communicator.
+            progress: Makes what shows each run.
+            resume: Go on from checkpoints of an earlier run in the folder.
+
+        Returns:
+            The contents of ``result.json``.
+
+        Raises:
+            CaseError: Something cannot be used.
+
+        Note:
+            Collective.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command, Generic[R, K]):
+    """A benchmark: a series of runs that are compared with references."""
+
+    parameters: ClassVar[Parameters] = {}
+    keeps: ClassVar[bool] = False
+    """Whether finished runs stay in the folder and are not run again."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run before any work."""
+        super().__post_init__()
+        self.check(self.values)
+
+    @cached_property
+    def values(self) -> Values:
+        """The parameters in CGS."""
+        return self.read()
+
+    def read(self) -> Values:
+        """Read the parameters; numbers are positive unless a benchmark reads them otherwise."""
+        return read_parameters(self.parameters, self.overrides)
+
+    def check(self, values: Values) -> None:
+        """Refuse parameters that cannot be run, by a CaseError."""
+        return
+
+    def published(self, *keys: str) -> bool:
+        """Whether the parameters, or some of them, are those of the publication."""
+        return all(self.values[key] == self.parameters[key][0] for key in keys or self.parameters)
+
+    @abstractmethod
+    def runs(self) -> Sequence[R]:
+        """Return the runs, the coarsest first."""
+
+    @abstractmethod
+    def one(self, run: R, job: Job) -> Record:
+        """Return what one run gives, the same on all ranks (collective)."""
+
+    @abstractmethod
+    def report(self, records: Sequence[Record], known: K) -> Report:
+        """Return what the runs so far say."""
+
+    def references(self, comm: MPI.Comm) -> K:
+        """Return what the runs are compared with, where it takes work (collective)."""
+        return None  # type: ignore[return-value]
+
+    def draw(self, records: Sequence[Record], known: K, out: Path) -> None:
+        """Draw pictures (on rank 0)."""
+        return
+
+    def label(self, run: R) -> str:
+        """Return the name of a run: what is shown of it, and its folder."""
+        return self.name if len(self.runs()) == 1 else str(run)
+
+    def place(self, run: R, out: Path) -> Path:
+        """Return the folder of a run."""
+        return out
+
+    def values_of(self, run: R) -> Values:
+        """Return the parameters that a run depends on."""
+        return self.values
+
+    def alike(self, run: R) -> Sequence[Hashable]:
+        """Return kinds that a run belongs to and that take about as long, the narrowest first; none: no forecast."""
+        return ()
+
+    def run(
+        self,
+        *,
+        out: Path,
+        comm: MPI.Comm = MPI.COMM_WORLD,
+        progress: Announce | None = None,
+        resume: bool = False,
+    ) -> Result:
+        """Run the series, see `Command.run`."""
+        keep_freed_memory()
+        out, runs, forecast = Path(out), self.runs(), Forecast(self)
+        known = self.references(comm)
+        records: list[Record] = []
+        result: Result = {}
+        for k, one in enumerate(runs):
+            shown = progress(self.label(one), k, len(runs), forecast.left(runs[k:])) if progress else None
+            job = Job(folder=self.place(one, out), comm=comm, progress=shown, resume=resume)
+            records.append(self._record(one, job))
+            forecast.add(one, records[-1]["wall_s"])
+            result = self._result(self.report(records, known), records, comm)
+            write_result(out, result, comm)
+        if progress:
+            progress("", len(runs), len(runs), 0.0)
+        if comm.rank == 0:
+            self.draw(records, known, out)
+        comm.barrier()
+        return result
+
+    def _record(self, run: R, job: Job) -> Record:
+        """Return the record of a run, that of its folder where it is kept (collective)."""
+        asked = {"benchmark": self.name, "run": _plain_run(run), "values": self.values_of(run)}
+        kept = job.comm.bcast(_kept(job.folder, asked) if self.keeps and job.comm.rank == 0 else None)
+        if kept is not None:
+            return dict(kept)
+        begin = time.perf_counter()
+        record = self.one(run, job)
+        record["wall_s"] = job.comm.allreduce(time.perf_counter() - begin, op=MPI.MAX)
+        record |= {"ranks": job.comm.size, "date": time.strftime("%Y-%m-%d")}
+        record["peak_memory_gib"] = peak_memory(job.comm)
+        gc.collect()  # frees communicators of this run's meshes, of which an MPI library has only some thousand
+        if self.keeps and job.comm.rank == 0:
+            job.folder.mkdir(parents=True, exist_ok=True)
+            text = json.dumps({"asked": asked, "record": public(record)}, default=plain)
+            (job.folder / "run.json").write_text(text + "\n")
+        return record
+
+    def _result(self, report: Report, records: Sequence[Record], comm: MPI.Comm) -> Result:
+        wall = sum(record["wall_s"] for record in records)
+        memory = records[-1]["peak_memory_gib"]
+        return {
+            "benchmark": self.name,
+            "parameters": dict(report.parameters),
+            "quantities": dict(report.quantities),
+            "reference": dict(report.reference),
+            **report.more,
+            "table": list(report.table),
+            "timing": {"wall_s": wall, "peak_memory_gib": memory, **report.timing},
+            "environment": environment(comm),
+        }
+
+
+def public(record: Mapping[str, Any], *without: str) -> Record:
+    """Return a record as files hold it, without some entries and without those for pictures."""
+    return {key: value for key, value in record.items() if not key.startswith("_") and key not in without}
+
+
+def refined(cells: int, refine: int, ratio: float = 2.0) -> list[int]:
+    """Return the cells of a grid and of ``refine`` finer ones, each ``ratio`` times as fine as the one before."""
+    return [round(cells * ratio**k) for k in range(refine + 1)]
+
+
+class Forecast:
+    """What the rest of a series may take, from finished runs of the same kind."""
+
+    def __init__(self, benchmark: Benchmark[Any, Any]) -> None:
+        self.alike = benchmark.alike
+        self.seen: dict[Hashable, list[float]] = defaultdict(list)
+
+    def add(self, run: Any, wall_s: float) -> None:
+        """Take note of a finished run."""
+        for kind in self.alike(run):
+            self.seen[kind].append(wall_s)
+
+    def left(self, runs: Sequence[Any]) -> float | None:
+        """Return the time that runs may take [s], None where nothing is known."""
+        total = 0.0
+        for run in runs:
+            times = next((self.seen[kind] for kind in self.alike(run) if kind in self.seen), None)
+            if times is None:
+                return None
+            total += sum(times) / len(times)
+        return total
+
+
+def _plain_run(run: object) -> object:
+    return asdict(run) if is_dataclass(run) and not isinstance(run, type) else run
+
+
+def _kept(folder: Path, asked: Mapping[str, Any]) -> Record | None:
+    """Return the record of a finished run of the same numbers."""
+    try:
+        kept = json.loads((folder / "run.json").read_text())
+    except (OSError, ValueError):
+        return None
+    same = isinstance(kept, dict) and kept.get("asked") == json.loads(json.dumps(asked, default=plain))
+    return dict(kept["record"]) if same else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joined(Command):
+    """Several benchmarks that make one command, each in a folder of its own; their tables are put together."""
+
+    @abstractmethod
+    def members(self) -> Mapping[str, Command]:
+        """Return the benchmarks by the name of their folder."""
+
+    def title(self, part: str) -> str:
+        """Return what stands before the lines of a part."""
+        return part
+
+    def parameters_of(self, results: Mapping[str, Result]) -> dict[str, Any]:
+        """Return what was run, by part."""
+        return {part: result["parameters"] for part, result in results.items()}
+
+    def run(
+        self,
+        *,
+        out: Path,
+        comm: MPI.Comm = MPI.COMM_WORLD,
+        progress: Announce | None = None,
+        resume: bool = False,
+    ) -> Result:
+        """Run all of them, see `Command.run`."""
+        members = self.members()
+        found = {
+            part: one.run(out=Path(out) / part, comm=comm, progress=progress) for part, one in members.items()
+        }
+        result = {
+            "benchmark": self.name,
+            "parameters": self.parameters_of(found),
+            **{key: {part: one[key] for part, one in found.items()} for key in ("quantities", "reference")},
+            "table": [
+                {**line, "quantity": line["quantity"] and f"{self.title(part)}: {line['quantity']}"}
+                for part, one in found.items()
+                for line in one["table"]
+            ],
+            "timing": {"wall_s": sum(one["timing"]["wall_s"] for one in found.values())},
+            "environment": environment(comm),
+        }
+        write_result(out, result, comm)
+        return result

@@ -1,0 +1,1 @@
+"""Deformable bodies in a flow."""

@@ -1,0 +1,130 @@
+"""Torsion of a column (Lee2020, E.2), immersed, against exactly incompressible statics.
+
+A Mooney-Rivlin column of 1 x 6 x 1 cm, axis y, in a box of fluid of 3 x 9 x 3 cm, walls at rest. Its foot is held; the
+top face is turned in its plane by tethers whose anchors follow a rigid rotation, the axial displacement is free. The
+rotation grows smoothly over the first 60 % of the run. Twisting lengthens the column (Poynting's effect): the
+axial displacement of the top's centre is averaged over the last 20 %.
+
+At 2.5 pi the axial edges at the column's corners are 1.36 times as long as at rest: elements of one spacing h are then
+beyond what kernels bridge, on every grid; elements of half a spacing are not. Straight elements also cut the corners
+of the helix, by phi^2/6 of the volume where phi is the twist of one layer of them. With a composite B-spline, whose
+interpolated velocity is solenoidal, this is all that the mesh loses, also without stabilisation (its step is shorter:
+``dt_per_h=1.1e-3``); other kernels let the column gain volume, which hides the loss on some grids.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi.benchmarks.immersed.numerics import Numerics, immersed_model
+from valvefsi.benchmarks.immersed.study import Compared, GridStudy
+from valvefsi.benchmarks.options import option
+from valvefsi.benchmarks.running import History, late_mean, late_size
+from valvefsi.benchmarks.statics.torsion import computed
+from valvefsi.fluid.boundary import Boundary
+from valvefsi.geometry.shapes import box
+from valvefsi.grid import MacGrid
+from valvefsi.run.recording import Output, Probe
+from valvefsi.run.schedule import Schedule
+from valvefsi.run.simulation import Simulation
+from valvefsi.solid import statics
+from valvefsi.solid.loads import Ramp, Tether
+from valvefsi.solid.materials import MooneyRivlin
+from valvefsi.solid.moving_tether import MovingTether
+from valvefsi.solid.statics.supports import rotation
+from valvefsi.solid.structure import Discretisation, Structure
+
+PARAMETERS = {
+    "c1": (9000.0, "dyn/cm^2"),
+    "c2": (9000.0, "dyn/cm^2"),
+    "angle": (2.5 * math.pi, "1"),
+    "rho": (1.0, "g/cm^3"),
+    "mu": (0.04, "dyn*s/cm^2"),
+    "damping": (80.0, "dyn*s/cm^4"),
+    "t_end": (0.8, "s"),
+    "dt_per_h": (1.8e-3, "s/cm"),
+    "tether_stiffness": (1.0e7, "dyn/cm^3"),
+}
+WIDTH, HEIGHT, RAMP = 3.0, 9.0, 0.6
+"""Edges of the box [cm]; part of the run over which the top turns."""
+TOP = (0.5, 6.0, 0.5)
+"""Centre of the top [cm]."""
+STATIC = 2
+"""Hexahedra across the column in the static solution, where the parameters are not the published ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Torsion(GridStudy):
+    """The column on one or several grids; ``grid`` counts cells along the box's width."""
+
+    name = "torsion"
+    title = "Torsion of a column (E.2), immersed"
+    parameters = PARAMETERS
+    main = Compared(
+        column="u_y_top_centre_cm", key="u_y_top_centre_cm", label="u_y of the top centre", unit="cm"
+    )
+    change = Compared(
+        column="column_volume_change_percent", key="change_percent", label="volume change", unit="%"
+    )
+    factors = (1.0, 1.5, 2.0, 3.0, 4.0)
+
+    grid: int = option(12, "Cells along the box's width.", least=4)
+
+    def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
+        n, values = numerics.grid, self.values
+        h = WIDTH / n
+        across = max(2, 2 * round(0.5 / (numerics.ratio * h)))
+        turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
+        ramp = Ramp(duration=RAMP * values["t_end"], shape="smooth")
+        stiffness, top = values["tether_stiffness"], ("x", "z")
+        solid = Structure(
+            box(comm, size=(1.0, 6.0, 1.0), elements=(across, 6 * across, across)),
+            MooneyRivlin(c1=values["c1"], c2=values["c2"]),
+            name="column",
+            nu_stab=numerics.nu_stab,
+            discretisation=Discretisation(kernel=numerics.kernel),
+            damping=values["damping"],
+            tethers=[
+                Tether(on=("y_lower",), stiffness=stiffness),
+                MovingTether(on=("y_upper",), components=top, stiffness=stiffness, motion=turn, ramp=ramp),
+            ],
+        )
+        lower = (0.5 - WIDTH / 2, 3.0 - HEIGHT / 2, 0.5 - WIDTH / 2)
+        upper = (0.5 + WIDTH / 2, 3.0 + HEIGHT / 2, 0.5 + WIDTH / 2)
+        grid = MacGrid(lower, upper, (n, 3 * n, n), (False,) * 3, comm)
+        model = immersed_model(grid, Boundary(grid), solid, numerics, values)
+        steps = round(values["t_end"] / (values["dt_per_h"] * h))
+        probe = Probe(name="top_centre", body=0, at=TOP)
+        output = Output(directory=folder, history_every=max(1, steps // 200), probes=(probe,))
+        return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
+
+    def quantities(self, history: History) -> dict[str, float]:
+        return {
+            "u_y_top_centre_cm": late_mean(history, "u_y_top_centre_cm"),
+            "change_percent": late_size(history, "column_volume_change_percent"),
+            "largest_change_percent": float(np.abs(history["column_volume_change_percent"]).max()),
+            "J_min": float(history["column_J_min"].min()),
+            "J_max": float(history["column_J_max"].max()),
+        }
+
+    def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
+        known, values = computed(), self.values
+        part = values["angle"] / (2.5 * math.pi)
+        nearest = min(known, key=lambda p: abs(p - part))
+        same = values["c1"] == values["c2"]  # only their ratio matters
+        if same and abs(nearest - part) < 1e-6:
+            return known[nearest], "mixed Q2-Q1 elements, 4 x 24 x 4"
+        mesh = box(comm, size=(1.0, 6.0, 1.0), elements=(STATIC, 6 * STATIC, STATIC))
+        turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
+        fixed = [
+            statics.Fixed(on=("y_lower",)),
+            statics.Fixed(on=("y_upper",), components=("x", "z"), value=turn),
+        ]
+        solution = statics.solve(mesh, MooneyRivlin(c1=values["c1"], c2=values["c2"]), fixed=fixed)
+        source = f"mixed Q2-Q1, {STATIC} x {6 * STATIC} x {STATIC}, this run"
+        return float(solution.displacement_at(TOP)[1]), source

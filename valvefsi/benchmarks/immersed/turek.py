@@ -1,0 +1,299 @@
+"""A flag behind a cylinder (Turek and Hron 2006): how a stream makes it swing, and the forces on both.
+
+A channel of 250 x 41 cm, a cylinder of radius 5 at (20, 20), a flag 35 long and 2 thick from it to A = (60, 20). Inflow
+1.5 U 4 y (H - y) / H^2, raised over the ramp as (1 - cos) / 2; rho = 1, nu = 10 cm^2/s; the right side is open.
+
+Here the flag is immersed, which differs from the published set-up in this:
+
+- It is incompressible and neo-Hookean, there compressible (nu = 0.4) and St. Venant-Kirchhoff. Its modulus is chosen
+  such that the plate stiffness is the same, c1 = E / (4 (1 - nu^2)) = mu_s / (2 (1 - nu)); ``--set nu=0.5`` gives
+  c1 = mu_s instead, a plate 1.2 times as stiff. Strains are a few per cent, so that the law matters little; the flag
+  cannot change its area, which moves the tip along x at second order only.
+- The fluid keeps the area of what a kernel covers, not of the flag's layers: with ``nu_stab=0.4`` a flag of four cells
+  bends 1.06 times as softly as with 0.49.
+- Where it is heavier than the fluid (FSI2, rho_s = 10 rho), markers at its nodes carry the difference, see
+  `valvefsi.bodies.heavy`.
+- It carries the fluid's viscosity, small against its elastic stress (mu omega / mu_s is about 2e-5).
+- Surfaces are as thick as the kernel: cylinder and flag act larger by a fraction of h, which the drag feels most. The
+  flag goes on into the cylinder and is held there by springs: the clamp gives way a little (``clamp_cm``).
+
+The forces are those of the fluid on cylinder and flag, see `valvefsi.run.forces`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi import fsi
+from valvefsi.benchmarks import references
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
+from valvefsi.benchmarks.immersed.turek_model import CENTRE, CLAMP, RADIUS, THICKNESS, TIP, build
+from valvefsi.benchmarks.options import Values, changed, option, read_parameters
+from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.running import History, Sights, attempt, gathered, plane_of
+from valvefsi.coupling.kernels import KERNELS
+from valvefsi.errors import CaseError
+from valvefsi.post import diagnostics
+from valvefsi.post.diagnostics.signals import oscillation, whole_periods
+from valvefsi.run.forces import ForceOutput
+from valvefsi.run.recording import Output, Probe
+from valvefsi.run.schedule import Schedule
+from valvefsi.run.simulation import Simulation
+from valvefsi.types import Array
+
+PARAMETERS = {
+    "U": (200.0, "cm/s"),
+    "mu_s": (2e7, "dyn/cm^2"),
+    "nu": (0.4, "1"),
+    "rho": (1.0, "g/cm^3"),
+    "rho_s": (1.0, "g/cm^3"),
+    "mu": (10.0, "dyn*s/cm^2"),
+    "ramp": (2.0, "s"),
+    "nu_stab": (0.49, "1"),
+    "ratio": (2.0, "1"),
+    "share": (4.5, "1"),
+    "hold": (0.5, "1"),
+    "pace": (0.02, "1"),
+}
+"""Default and unit. ``ratio`` is the length of a quadratic element over h, ``share`` the step over the elastic limit
+of nodes that move alone, ``hold`` the springs of cylinder and clamp over rho/dt^2 and their dampers over rho/dt,
+``pace`` the part of its way back that a point of the cylinder slips through the fluid in a step: without it springs
+whose forces cancel in the kernel drift, the drag with them, and the flag swings faster."""
+CASES = {
+    "fsi1": {"U": 20.0, "mu_s": 5e6, "rho_s": 1.0},
+    "fsi2": {"U": 100.0, "mu_s": 5e6, "rho_s": 10.0},
+    "fsi3": {"U": 200.0, "mu_s": 2e7, "rho_s": 1.0},
+}
+PERIODS = {"fsi1": 0.5, "fsi2": 0.5, "fsi3": 1.0 / 5.3}
+"""Published period of the flag, of FSI1 that of FSI2 [s]."""
+SOURCE = "Turek and Hron 2006"
+REFINEMENT, SAMPLES, SAVED = 1.5, 200, 400
+"""Ratio of successive grids, rows of the history in a published period, rows between checkpoints."""
+SIGNALS = {
+    "ux": ("u_x_tip_cm", 10.0),
+    "uy": ("u_y_tip_cm", 10.0),
+    "drag": ("force_x_bodies_dyn_per_cm", 1e-3),
+    "lift": ("force_y_bodies_dyn_per_cm", 1e-3),
+}
+"""Column of each published signal and the factor to mm and N/m."""
+LABELS = (("ux", "ux(A)", "mm"), ("uy", "uy(A)", "mm"), ("drag", "drag", "N/m"), ("lift", "lift", "N/m"))
+PARTS = ("mean", "amplitude", "frequency")
+
+
+def published(case: str) -> dict[str, tuple[float, float, float]]:
+    """Return mean, amplitude and frequency of the displacement of A [mm] and the forces [N/m]; FSI1 is steady."""
+    table = references.read("turek_hron2006")
+    return {
+        signal: (
+            table.value("mean", case=case, signal=signal),
+            table.value("amplitude", case=case, signal=signal),
+            table.value("frequency", case=case, signal=signal),
+        )
+        for signal in SIGNALS
+    }
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Vorticity in the cells ``(nx, ny)`` [1/s] between edges [cm], and the outline of the flag ``(n, 2)`` [cm]."""
+
+    t: float
+    edges: list[Array]
+    vorticity: Array
+    flag: Array
+
+
+@dataclass
+class Watch:
+    """Sees how far the clamp moves, and keeps vorticity and flag at some steps for a picture.
+
+    Attributes:
+        model: The model of `build`.
+        sights: Snapshots.
+    """
+
+    model: fsi.Model
+    sights: Sights
+    columns = ("clamp_cm", "speed_cm_per_s")
+
+    def row(self, state: fsi.State) -> dict[str, float]:
+        """Return the largest displacement of the clamp and the largest speed (collective)."""
+        flag: Any = self.model.bodies[0]
+        root = flag.X[:, 0] < CLAMP + 1e-6
+        moved = np.linalg.norm((state.bodies[0]["chi"] - flag.X)[root], axis=1).max(initial=0.0)
+        speed, _ = diagnostics.fastest_place(self.model.grid, state.u)
+        self.sights.take(state.step, lambda: self._snapshot(state))
+        clamp = self.model.grid.comm.allreduce(float(moved), op=MPI.MAX)
+        return {"clamp_cm": clamp, "speed_cm_per_s": float(speed)}
+
+    def _snapshot(self, state: fsi.State) -> Snapshot:
+        flag: Any = self.model.bodies[0]
+        grid, solid = self.model.grid, flag.solid
+        own = diagnostics.vorticity(grid, state.u)[:, :, 0, 2]
+        X, chi = (gathered(solid, grid.comm, x) for x in (solid.X, state.bodies[0]["chi"]))
+        vorticity, edges = plane_of(grid, own)
+        return Snapshot(state.t, edges, vorticity, chi[_around(X), :2])
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurekFsi(Benchmark[int, None]):
+    """The flag, on one grid or on several, each 1.5 times as fine as the one before."""
+
+    name = "turek-fsi"
+    resumable = True
+    parameters = PARAMETERS
+
+    case: str = option("fsi3", "fsi1 (steady), fsi2 (a heavy flag) or fsi3.", choices=tuple(CASES))
+    cells: int = option(4, "Cells across the flag.", least=2)
+    t_end: float = option(8.0, "End of the run [s].", between=(0.0, math.inf))
+    refine: int = option(0, "Number of finer grids, each 1.5 times as fine.", least=0, most=4)
+    kernel: str = option("bspline3", "Kernel of the coupling.", choices=tuple(KERNELS))
+
+    @property
+    def folder(self) -> str:
+        return f"turek-{self.case}"
+
+    def read(self) -> Values:
+        return read_parameters(changed(PARAMETERS, **CASES[self.case]), self.overrides)
+
+    def check(self, values: Values) -> None:
+        for key in ("nu", "nu_stab"):
+            if not values[key] < 0.5 + 1e-12 * (key == "nu"):
+                raise CaseError("expected at most 0.5", file="--set", key=key, value=values[key])
+        if values["rho_s"] < values["rho"]:
+            message = f"expected the fluid's density, {values['rho']:g} g/cm^3, or more"
+            raise CaseError(message, file="--set", key="rho_s", value=values["rho_s"])
+
+    @property
+    def comparable(self) -> bool:
+        """Whether the published numbers are those of this flag: nothing physical was changed."""
+        physical = CASES[self.case] | {key: PARAMETERS[key][0] for key in ("rho", "mu")}
+        return all(self.values[key] == value for key, value in physical.items())
+
+    def runs(self) -> list[int]:
+        return refined(self.cells, self.refine, REFINEMENT)
+
+    def label(self, run: int) -> str:
+        return f"{self.case}, {run} cells across the flag"
+
+    def place(self, run: int, out: Path) -> Path:
+        return out / f"N{run}"
+
+    def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Watch]:
+        model, dt = build(cells, self.kernel, self.values, comm)
+        period = PERIODS[self.case]
+        steps, every = math.ceil(self.t_end / dt - 1e-6), max(1, round(period / SAMPLES / dt))
+        due = [max(1, steps - round(part * period / dt)) for part in (0.5, 0.25, 0.0)]
+        watch = Watch(model, Sights(due))
+        output = Output(
+            directory=folder,
+            history_every=every,
+            checkpoint_every=SAVED * every,
+            probes=(Probe(name="tip", body=0, at=(TIP, CENTRE[1])),),
+            forces=(ForceOutput(name="bodies", bodies=(0, 1)),),
+            observers=(watch,),
+            provenance=self.values | {"case": self.case, "cells": cells, "kernel": self.kernel},
+        )
+        return Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=math.inf), output), watch
+
+    def one(self, run: int, job: Job) -> Record:
+        simulation, watch = self.simulation(run, job.folder, job.comm)
+        done = attempt(simulation, job)
+        if job.comm.rank == 0:
+            self._pictures(run, job.folder, done.history, watch.sights.kept)
+        model, h = simulation.model, done.history
+        J_off = np.maximum(1.0 - h["flag_J_min"], h["flag_J_max"] - 1.0)
+        return {
+            "cells": run,
+            "grid": list(model.grid.cells[:2]),
+            "h": THICKNESS / run,
+            "nodes": model.bodies[0].num_points,
+            "points": model.bodies[1].num_points,
+            "dt": simulation.schedule.dt,
+            "steps": int(h["step"][-1]),
+            "failed": done.failed,
+            "quantities": {k: dict(zip(PARTS, q, strict=True)) for k, q in numbers(h).items()},
+            "clamp_mm": 10.0 * float(h["clamp_cm"].max()),
+            "J_off": float(J_off.max()),
+        }
+
+    def _pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[Snapshot]) -> None:
+        from valvefsi.post.plots.turek import histories, vorticity
+
+        name = f"{self.case.upper()}, {cells} cells across the flag, {self.kernel}"
+        known = published(self.case) if self.comparable else {}
+        shown = {key: factor * h[column][1:] for key, (column, factor) in SIGNALS.items()}
+        if len(h["t_s"]) > 1:
+            histories(folder / "history.png", h["t_s"][1:], shown, known, title=name)
+        if snapshots:
+            scale = 4.0 * self.values["U"] / RADIUS
+            pictures, body = [vars(s) for s in snapshots], (*CENTRE, RADIUS)
+            vorticity(folder / "vorticity.png", pictures, body, scale=scale, title=name)
+
+    def report(self, records: Sequence[Record], known: None) -> Report:
+        chosen = {"case": self.case, "t_end": self.t_end, "kernel": self.kernel}
+        return Report(
+            parameters=self.values | chosen,
+            quantities={r["cells"]: r["quantities"] for r in records},
+            reference=published(self.case) | {"source": SOURCE},
+            more={"runs": [public(r) for r in records]},
+            table=[line for r in records for line in self._lines(r)],
+        )
+
+    def _lines(self, r: Record) -> list[Row]:
+        lines = [row(f"{r['cells']} cells", "broke down", source=r["failed"][:90])] if r["failed"] else []
+        for key, label, unit in LABELS:
+            for what, value in zip(PARTS, published(self.case)[key], strict=True):
+                # a steady case has neither amplitude nor frequency
+                reference = value if self.comparable and abs(value) > 0.0 else None
+                name = f"{label}, {what}, {r['cells']} cells" if what == "mean" else f"  {what}"
+                lines.append(
+                    row(
+                        name,
+                        r["quantities"][key][what],
+                        reference,
+                        SOURCE if reference is not None else "",
+                        unit="1/s" if what == "frequency" else unit,
+                        relative=what != "mean"
+                        or key == "drag",  # no per cent of a mean that is next to nothing
+                    )
+                )
+        cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
+        return [
+            *lines,
+            row("  largest displacement of the clamp", r["clamp_mm"], unit="mm"),
+            row("  largest |J - 1|", r["J_off"], 0.0, "incompressible", relative=False),
+            row("  wall-clock time of this call", r["wall_s"], source=cost, unit="s"),
+        ]
+
+
+def numbers(h: History) -> dict[str, tuple[float, float, float]]:
+    """Mean, amplitude and frequency [1/s] of displacements [mm] and forces [N/m] of a history, its first row left out.
+
+    The first row has no forces: they are means since the row before.
+    """
+    late = {name: column[1:] for name, column in h.items()}
+    t = late["t_s"]
+    if len(t) < 1:
+        return dict.fromkeys(SIGNALS, (math.nan,) * 3)
+    periods = whole_periods(t, late["u_y_tip_cm"])
+    return {key: oscillation(t, factor * late[column], periods) for key, (column, factor) in SIGNALS.items()}
+
+
+def _around(X: Array) -> Array:
+    """Numbers of the nodes on the flag's outline from the clamp round the tip and back."""
+    y, half = X[:, 1] - CENTRE[1], 0.5 * THICKNESS
+    low, high = (
+        np.flatnonzero((np.abs(y - s * half) < 1e-6) & (X[:, 0] > CLAMP - 1e-6)) for s in (-1.0, 1.0)
+    )
+    end = np.flatnonzero((np.abs(X[:, 0] - TIP) < 1e-6) & (np.abs(y) < half - 1e-6))
+    return np.concatenate(
+        [low[np.argsort(X[low, 0])], end[np.argsort(y[end])], high[np.argsort(-X[high, 0])]]
+    )

@@ -1,0 +1,149 @@
+"""What a user may choose: the options of a benchmark, fields of a dataclass, and its parameters in physical units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import Field, dataclass, field, fields
+from typing import Any
+
+from valvefsi.case.overrides import nearest, split_override
+from valvefsi.case.quantities import Quantity
+from valvefsi.errors import CaseError
+
+Values = dict[str, Any]
+"""Parameters by name: numbers in CGS, or words."""
+
+Parameters = Mapping[str, tuple[float, str] | tuple[str, Sequence[str]]]
+"""By name: a number and its unit ("1" for a pure number), or a word and the words that may stand in its place."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Option:
+    """What is known of an option beside its type and default.
+
+    Attributes:
+        help: What it is, in a line.
+        flag: Its name on the command line; None for that of the field.
+        least: Smallest number.
+        most: Largest number.
+        between: Numbers that it must lie between, both excluded.
+        choices: The words, or numbers, that it may be.
+        everything: Whether "all" stands for all choices.
+        metavar: What stands for its value in the help.
+    """
+
+    help: str
+    flag: str | None = None
+    least: float | None = None
+    most: float | None = None
+    between: tuple[float, float] | None = None
+    choices: Collection[object] | None = None
+    everything: bool = False
+    metavar: str | None = None
+
+
+def option(default: object, help: str, **more: Any) -> Any:
+    """Return a field of a benchmark that is an option of its command; ``more`` as of `Option`."""
+    return field(default=default, metadata={"option": Option(help=help, **more)})
+
+
+def options_of(kind: type) -> dict[str, tuple[Field[Any], Option]]:
+    """Return the options of a benchmark by name of the field."""
+    return {item.name: (item, item.metadata["option"]) for item in fields(kind) if "option" in item.metadata}
+
+
+def flag_of(name: str, chosen: Option) -> str:
+    """Return the name of an option on the command line."""
+    return chosen.flag or "--" + name.replace("_", "-")
+
+
+def check_options(holder: object) -> None:
+    """Refuse numbers out of their range and words that are no choice, wherever the options came from.
+
+    Raises:
+        CaseError: An option cannot be used.
+    """
+    for name, (_, chosen) in options_of(type(holder)).items():
+        value, flag = getattr(holder, name), flag_of(name, chosen)
+        many = list(value) if isinstance(value, list | tuple) else [value]
+        if chosen.choices is not None:
+            _check_words(many, [str(choice) for choice in chosen.choices], flag)
+        for number in many:
+            if isinstance(number, int | float) and not isinstance(number, bool):
+                _check_number(number, chosen, flag)
+
+
+def _check_number(number: float, chosen: Option, flag: str) -> None:
+    low, high = chosen.least, chosen.most
+    if chosen.between is not None:
+        inside = chosen.between[0] < number < chosen.between[1]
+        ends = "above {:g} and below {:g}".format(*chosen.between)
+    else:
+        inside = (low is None or number >= low) and (high is None or number <= high)
+        ends = f"of at least {low:g}" if high is None and low is not None else f"from {low} to {high}"
+    if not (inside and math.isfinite(number)):
+        raise CaseError(f"expected a number {ends}", key=flag, value=number)
+
+
+def _check_words(words: Sequence[object], known: Sequence[str], flag: str) -> None:
+    if not words:
+        raise CaseError(f"expected some of {', '.join(known)}", key=flag)
+    for word in words:
+        if str(word) not in known:
+            near = nearest(word, known) if isinstance(word, str) else ""
+            near = near if near.startswith("; did") else ""
+            raise CaseError(f"expected one of {', '.join(known)}{near}", key=flag, value=word)
+
+
+def defaults(parameters: Parameters) -> Values:
+    """Return the values that nobody changed, numbers in CGS."""
+    return {key: default for key, (default, _) in parameters.items()}
+
+
+def changed(parameters: Parameters, **values: float | str) -> Parameters:
+    """Return parameters with other defaults."""
+    kept = {key: (values.get(key, default), kind) for key, (default, kind) in parameters.items()}
+    return kept  # type: ignore[return-value]
+
+
+def read_parameters(parameters: Parameters, overrides: Sequence[str]) -> Values:
+    """Return the parameters in CGS, with overrides; numbers must be positive.
+
+    Args:
+        parameters: Default and unit, or default and choices, of each.
+        overrides: Texts ``key=value``; the last one counts.
+
+    Raises:
+        CaseError: An override names no parameter, its value has another dimension or is not positive, or a word is
+            not one of the choices.
+    """
+    values = read_quantities(parameters, overrides)
+    for key, text in map(split_override, overrides):
+        if not isinstance(values[key], str) and not values[key] > 0:
+            raise CaseError("expected a positive value", file="--set", key=key, value=text)
+    return values
+
+
+def read_quantities(parameters: Parameters, overrides: Sequence[str]) -> Values:
+    """As `read_parameters`, for numbers of any sign."""
+    values = defaults(parameters)
+    for key, text in map(split_override, overrides):
+        if key not in parameters:
+            near = nearest(key, list(parameters))
+            raise CaseError(f"unknown parameter{near}", file="--set", key=key, value=text)
+        values[key] = _parse(key, text, parameters[key][1])
+    return values
+
+
+def _parse(key: str, text: object, expected: str | Sequence[str]) -> float | str:
+    from pydantic_core import PydanticCustomError
+
+    if not isinstance(expected, str):
+        if text not in expected:
+            raise CaseError(f"expected one of {', '.join(expected)}", file="--set", key=key, value=text)
+        return str(text)
+    try:
+        return Quantity(expected).parse(text)
+    except PydanticCustomError as error:
+        raise CaseError(error.message(), file="--set", key=key, value=text) from None

@@ -1,0 +1,161 @@
+"""What benchmarks that are simulations share: the fluid that fits a step, an attempt to run, what is read off a run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from mpi4py import MPI
+
+from valvefsi.benchmarks.frame import Job
+from valvefsi.errors import CaseError, StabilityError
+from valvefsi.fluid.boundary import Boundary
+from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
+from valvefsi.grid import MacGrid
+from valvefsi.io.checkpoint import newest_meta
+from valvefsi.io.history import read_history
+from valvefsi.run.simulation import Outcome, Simulation
+from valvefsi.solid.structure import Structure
+from valvefsi.types import Array
+
+AVERAGED = 0.2
+"""Part of a run at its end that is averaged over."""
+
+History = Mapping[str, Array]
+"""Columns of a history over time, ``(n,)`` each."""
+
+
+def flow_of(grid: MacGrid, boundary: Boundary, dt: float, **physics: Any) -> NavierStokes:
+    """Return the fluid, its viscosity explicit where half of what that allows is longer than the step (collective)."""
+    limit = ExplicitViscosity.limit(grid, rho=physics["rho"], mu=physics["mu"])
+    return (ExplicitViscosity if 2.0 * dt < limit else NavierStokes)(grid, boundary, **physics)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attempt:
+    """A run that came to its end, or as far as it could.
+
+    Attributes:
+        history: Its history, the same on all ranks.
+        steps: Steps taken in this call.
+        failed: Why it broke down, None where it did not.
+        outcome: What it ended with, None where it broke down.
+    """
+
+    history: History
+    steps: int
+    failed: str | None
+    outcome: Outcome | None
+
+
+def attempt(simulation: Simulation, job: Job, *, clear: bool = False) -> Attempt:
+    """Run a simulation; a run that breaks down keeps its record and says why.
+
+    With ``job.resume`` it goes on from the newest checkpoint in the folder, if there is one.
+
+    Args:
+        simulation: The simulation.
+        job: Where it runs.
+        clear: Whether what an interrupted run has left there is removed; else that is refused.
+
+    Raises:
+        CaseError: The checkpoints belong to a run of other numbers, or one that is not finished would be lost.
+
+    Note:
+        Collective.
+    """
+    folder, output = job.folder, simulation.output
+    meta = newest_meta(folder / "checkpoints", job.comm) if job.resume else None
+    if meta is not None and meta["provenance"] != dict(output.provenance):
+        raise CaseError("the checkpoints there belong to another run", file=folder, key="--resume")
+    if clear and meta is None and job.comm.rank == 0:
+        _clear(folder)
+    job.comm.barrier()
+    outcome, failed = None, None
+    try:
+        outcome = simulation.run(resume=meta is not None, progress=job.progress)
+    except StabilityError as error:
+        failed = str(error)
+    columns = None
+    if job.comm.rank == 0:
+        columns = {k: np.array(v) for k, v in read_history(folder / "history.csv").items()}
+    history: dict[str, Array] = job.comm.bcast(columns)
+    steps = outcome.steps if outcome is not None else int(history["step"][-1])
+    return Attempt(history=history, steps=steps, failed=failed, outcome=outcome)
+
+
+def completed(simulation: Simulation, job: Job) -> History:
+    """Run a simulation to its end and return its history.
+
+    Raises:
+        StabilityError: It broke down.
+
+    Note:
+        Collective.
+    """
+    done = attempt(simulation, job)
+    if done.failed is not None:
+        raise StabilityError(done.failed)
+    return done.history
+
+
+def _clear(folder: Path) -> None:
+    for path in [*folder.glob("checkpoints/*"), *folder.glob("history.csv")]:
+        path.unlink()
+
+
+def late_size(history: History, column: str) -> float:
+    """Return the mean magnitude of a column over the last part of a run."""
+    return late_mean({"t_s": history["t_s"], column: np.abs(history[column])}, column)
+
+
+def late_mean(history: History, column: str) -> float:
+    """Return the mean of a column over the last part of a run."""
+    t = history["t_s"]
+    return float(history[column][t >= (1.0 - AVERAGED) * t[-1]].mean())
+
+
+def gathered(solid: Structure, comm: MPI.Comm, chi: Array) -> Array:
+    """Return the positions of all nodes of a solid by number, on all ranks, ``(num_nodes, 3)`` [cm] (collective)."""
+    whole = np.zeros((solid.num_nodes, 3))
+    whole[solid.ids] = chi
+    found: Array = comm.allreduce(whole)
+    return found
+
+
+def plane_of(grid: MacGrid, own: Array) -> tuple[Array, list[Array]]:
+    """Return values in the cells of a plane ``(nx, ny)`` on all ranks from this rank's, and the edges (collective)."""
+    whole = np.zeros(grid.cells[:2])
+    whole[tuple(slice(s, s + n) for s, n in zip(grid.start[:2], own.shape, strict=True))] = own
+    edges = [grid.lower[d] + np.concatenate([[0.0], np.cumsum(grid.cell_widths[d])]) for d in range(2)]
+    return grid.comm.allreduce(whole), edges
+
+
+def time_of_pair(cells: Sequence[int]) -> float:
+    """Return the time of a cosine transform of a grid and back, on one thread [s].
+
+    In memory that the process keeps, as steps have it: with fresh pages a pair takes up to twice as long.
+    """
+    field = np.random.default_rng(0).standard_normal(cells)
+    started = time.perf_counter()
+    scipy.fft.idctn(scipy.fft.dctn(field, workers=1), workers=1)
+    return time.perf_counter() - started
+
+
+@dataclass
+class Sights:
+    """Steps at or after which something is kept for a picture, and what was kept."""
+
+    due: list[int]
+    kept: list[Any] = field(default_factory=list)
+
+    def take(self, step: int, look: Callable[[], Any]) -> None:
+        """Keep a look where one is due (collective)."""
+        if self.due and step >= self.due[0]:
+            self.due = [later for later in self.due if later > step]
+            self.kept.append(look())

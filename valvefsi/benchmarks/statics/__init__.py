@@ -1,0 +1,1 @@
+"""Solids alone, as exactly incompressible statics."""

@@ -1,0 +1,148 @@
+"""A thick cylinder (plane strain) and a thick sphere under inner pressure, against their closed forms.
+
+Exactly incompressible and neo-Hookean: a point at R moves to r with r^2 = R^2 + c (cylinder), r^3 = R^3 + c (sphere),
+and the balance of the radial stress gives the pressure as a function of c (Green and Zerna, Theoretical Elasticity):
+
+    cylinder  p/c1 = ln(a B / (A b)) + c/2 (1/a^2 - 1/b^2)
+    sphere    p/c1 = 2/l_b + 1/(2 l_b^4) - 2/l_a - 1/(2 l_a^4),    l = r/R
+
+with A, B the radii at rest and a, b the deformed ones. The pressure follows the deformed surface.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+from mpi4py import MPI
+from scipy.optimize import brentq, minimize_scalar
+
+from valvefsi.benchmarks.options import Values
+from valvefsi.benchmarks.results import Reference
+from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, StaticParts, answer_of
+from valvefsi.errors import CaseError
+from valvefsi.geometry.benchmark_shapes import thick_cylinder, thick_sphere
+from valvefsi.solid import statics
+from valvefsi.solid.loads import Pressure
+from valvefsi.solid.materials import NeoHookean
+
+PARAMETERS = {
+    "pressure": (2.5e4, "dyn/cm^2"),
+    "c1": (1.0e5, "dyn/cm^2"),
+    "inner": (1.0, "cm"),
+    "outer": (1.5, "cm"),
+}
+DIM = {"cylinder": 2, "sphere": 3}
+AXES = {"cylinder": ("x_axis", "y_axis"), "sphere": ("x_plane", "y_plane", "z_plane")}
+NORMALS = {"x_axis": "y", "y_axis": "x", "x_plane": "x", "y_plane": "y", "z_plane": "z"}
+MESHES = {"cylinder": thick_cylinder, "sphere": thick_sphere}
+
+
+def cylinder_pressure(growth: float, A: float, B: float) -> float:
+    """Return p/c1 of a cylinder whose inner radius grows by ``growth`` [cm]."""
+    a = A + growth
+    c = a * a - A * A
+    b = math.sqrt(B * B + c)
+    return math.log(a * B / (A * b)) + c / 2 * (1 / a**2 - 1 / b**2)
+
+
+def sphere_pressure(growth: float, A: float, B: float) -> float:
+    """Return p/c1 of a sphere whose inner radius grows by ``growth`` [cm]."""
+    a = A + growth
+    b = (B**3 + a**3 - A**3) ** (1 / 3)
+    inner, outer = a / A, b / B
+    return 2 / outer + 0.5 / outer**4 - 2 / inner - 0.5 / inner**4
+
+
+def closed_form(shape: str, values: Values) -> tuple[float, float]:
+    """Return the displacement of the inner and of the outer surface [cm].
+
+    Raises:
+        CaseError: The pressure is above what the shell can bear.
+    """
+    A, B = values["inner"], values["outer"]
+    wanted = values["pressure"] / values["c1"]
+    pressure: Callable[[float], float] = partial(
+        cylinder_pressure if shape == "cylinder" else sphere_pressure, A=A, B=B
+    )
+    top = minimize_scalar(lambda g: -pressure(g), bounds=(0.0, 20.0 * A), method="bounded").x
+    if pressure(top) <= wanted:
+        limit = f"{pressure(top) * values['c1']:.4g} dyn/cm^2"
+        message = f"the {shape} gives way below this pressure, at {limit}"
+        raise CaseError(message, file="--set", key="pressure", value=values["pressure"])
+    growth = brentq(lambda g: pressure(g) - wanted, 0.0, top, xtol=1e-15)
+    n = DIM[shape]
+    return growth, (B**n + (A + growth) ** n - A**n) ** (1 / n) - B
+
+
+def solution_of(
+    shape: str, values: Values, mesh: Mesh, comm: MPI.Comm
+) -> tuple[statics.StaticSolution, NeoHookean]:
+    """Return the static solution and its material (collective)."""
+    radii = (values["inner"], values["outer"])
+    body = MESHES[shape](comm, radii=radii, elements=mesh.elements, cell=mesh.cell)
+    fixed = [statics.Fixed(on=(tag,), components=(NORMALS[tag],)) for tag in AXES[shape]]
+    material = NeoHookean(c1=values["c1"])
+    load = Pressure(on=("inner",), value=values["pressure"])
+    return statics.solve(body, material, fixed=fixed, loads=[load]), material
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThickShell(Static):
+    """A thick shell under inner pressure."""
+
+    shape: ClassVar[str]
+    parameters = PARAMETERS
+    units = {"u_r_inner_cm": ("cm", "u_r inside"), "u_r_outer_cm": ("cm", "u_r outside")}
+
+    def check(self, values: Values) -> None:
+        super().check(values)
+        if not values["inner"] < values["outer"]:
+            raise CaseError("expected inner < outer", file="--set", key="inner", value=values["inner"])
+        closed_form(self.shape, values)
+
+    def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
+        solution, material = solution_of(self.shape, self.values, mesh, comm)
+        rest = [0.0] * (DIM[self.shape] - 1)
+        ends = [[self.values["inner"], *rest], [self.values["outer"], *rest]]
+        inner, outer = solution.displacement_at(np.array(ends))
+        return answer_of(
+            solution, material, {"u_r_inner_cm": float(inner[0]), "u_r_outer_cm": float(outer[0])}
+        )
+
+    def compared_with(self) -> References:
+        pairs = zip(self.units, closed_form(self.shape, self.values), strict=True)
+        return {name: [Reference(value=u, source="closed form", exact=True)] for name, u in pairs}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThickCylinder(ThickShell):
+    """A quarter of the cylinder, in plane strain."""
+
+    name = "thick-cylinder"
+    title = "Thick cylinder under pressure, incompressible"
+    shape = "cylinder"
+    cells = ("triangle", "quadrilateral")
+    coarsest = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThickSphere(ThickShell):
+    """An eighth of the sphere."""
+
+    name = "thick-sphere"
+    title = "Thick sphere under pressure, incompressible"
+    shape = "sphere"
+    cells = ("tetrahedron", "hexahedron")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThickShells(StaticParts):
+    """Both shells."""
+
+    name = "thick-shells"
+    parts = {"cylinder": ThickCylinder, "sphere": ThickSphere}

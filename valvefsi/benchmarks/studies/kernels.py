@@ -1,0 +1,230 @@
+"""The kernel study: every kernel at several ratios of mesh to grid, both couplings, with and without stabilisation.
+
+One run for each of them on each problem of `kernel_problems`; a run that breaks down or leaks is a result too. From the
+table follow rules: at which ratios a kernel stays within a factor of the best error on every problem, without a leak.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections import defaultdict
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mpi4py import MPI
+
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
+from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics
+from valvefsi.benchmarks.immersed.study import HELD
+from valvefsi.benchmarks.options import Values, option, read_parameters
+from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.studies.kernel_problems import PROBLEMS, StudyProblem, run_halving
+from valvefsi.benchmarks.studies.kernel_rules import Rule, rules, sound
+from valvefsi.coupling.kernels import KERNELS
+from valvefsi.errors import CaseError
+
+SHORT = {"piecewise_linear": "PWL"}
+KEYS = ("error_percent", "change_percent", "J_spread", "u_max_cm_s")
+"""What is measured of each run."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class One:
+    """One run: a problem and how it is discretised."""
+
+    problem: str
+    numerics: Numerics
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kernels(Benchmark[One, dict[str, float]]):
+    """The study; finished runs that the folder holds, with the same numbers, are not run again."""
+
+    name = "kernels"
+    keeps = True
+
+    problems: tuple[str, ...] = option(
+        tuple(PROBLEMS), "Some of compression, cook, shell.", metavar="P,P", choices=tuple(PROBLEMS)
+    )
+    kernels: tuple[str, ...] = option(
+        tuple(KERNELS), "Kernels, or all.", metavar="K,K|all", choices=tuple(KERNELS), everything=True
+    )
+    ratios: tuple[float, ...] = option(
+        (0.5, 0.75, 1.0, 1.5, 2.0), "Element size over grid spacing.", metavar="R,R", least=0.1, most=4.0
+    )
+    couplings: tuple[str, ...] = option(
+        ("nodal", "elemental"), "nodal, elemental, lumped.", metavar="C,C", choices=COUPLINGS
+    )
+    stabilised: str = option("both", "on, off or both.", choices=tuple(HELD))
+    nu_stab: float = option(0.4, "Numerical Poisson ratio of stabilised runs.", between=(-1.0, 0.5))
+    grids: Mapping[str, int] | None = option(
+        None, "Cells along the box of a problem. Repeatable.", flag="--grid", metavar="PROBLEM=N"
+    )
+    factor: float = option(3.0, "How many times the best error a recommended choice may have.", least=1.0)
+
+    def check(self, values: Values) -> None:
+        if not self.ratios:
+            raise CaseError("expected numbers from 0.1 to 4", key="--ratios")
+        for name, n in (self.grids or {}).items():
+            if name not in PROBLEMS:
+                raise CaseError(f"expected some of {', '.join(PROBLEMS)}", key="--grid", value=name)
+            if n < 8:
+                raise CaseError("expected at least 8 cells", key=f"--grid {name}", value=n)
+
+    def read(self) -> Values:
+        texts = defaultdict(list)
+        for text in self.overrides:
+            name, dot, rest = text.partition(".")
+            if not dot or name not in self.problems:
+                message = "expected PROBLEM.KEY=VALUE, such as cook.t_end='8 s', of a problem in the study"
+                raise CaseError(message, key="--set", value=text)
+            texts[name].append(rest)
+        return {name: read_parameters(PROBLEMS[name].parameters, texts[name]) for name in self.problems}
+
+    def kinds(self, problem: StudyProblem) -> tuple[bool, ...]:
+        """Return whether a problem is run stabilised and not."""
+        return HELD[self.stabilised] if problem.stabilised else (False,)
+
+    def runs(self) -> list[One]:
+        return [
+            One(
+                problem=name,
+                numerics=Numerics(
+                    grid=(self.grids or {}).get(name, PROBLEMS[name].grid),
+                    ratio=ratio,
+                    kernel=kernel,
+                    coupling=coupling,
+                    nu_stab=self.nu_stab if kind else None,
+                ),
+            )
+            for kernel in self.kernels
+            for name in self.problems
+            for coupling in self.couplings
+            for kind in self.kinds(PROBLEMS[name])
+            for ratio in self.ratios
+        ]
+
+    def label(self, run: One) -> str:
+        return f"{run.problem} {run.numerics.name}"
+
+    def place(self, run: One, out: Path) -> Path:
+        return out / run.problem / run.numerics.name
+
+    def values_of(self, run: One) -> Values:
+        return dict(self.values[run.problem])
+
+    def alike(self, run: One) -> list[Hashable]:
+        name, n = run.problem, run.numerics
+        return [(name, n.coupling, n.ratio), (name, n.coupling), name, ()]
+
+    def references(self, comm: MPI.Comm) -> dict[str, float]:
+        return {name: PROBLEMS[name].reference(self.values[name], comm) for name in self.problems}
+
+    def one(self, run: One, job: Job) -> Record:
+        record = run_halving(PROBLEMS[run.problem], run.numerics, self.values_of(run), job)
+        return {"problem": run.problem, **record}
+
+    def report(self, records: Sequence[Record], known: dict[str, float]) -> Report:
+        lines, chosen = self.lines(records, known), [PROBLEMS[name] for name in self.problems]
+        floors = {problem.name: problem.floor for problem in chosen}
+        free = [problem.name for problem in chosen if not problem.stabilised]
+        found = rules(lines, floors=floors, factor=self.factor, free=free)
+        numbers = {"nu_stab": self.nu_stab, "factor": self.factor, "ratios": list(self.ratios)}
+        limits = {p.name: {"leak_percent": p.leak, "floor_percent": p.floor} for p in chosen}
+        return Report(
+            parameters=self.values | numbers,
+            reference=known,
+            more={"limits": limits, "runs": lines, "rules": [rule.as_dict() for rule in found]},
+            table=_table(found, lines, self.factor),
+        )
+
+    def lines(self, records: Sequence[Record], known: Mapping[str, float]) -> list[Record]:
+        """Return which run each is, its measures, whether it leaks, and why it broke down."""
+        lines = []
+        for record in records:
+            problem, numerics = PROBLEMS[record["problem"]], Numerics(**record["numerics"])
+            measures: dict[str, float | None] = dict.fromkeys(KEYS)
+            if not record["failed"]:
+                measures = problem.measures(record["quantities"], known[problem.name])
+            change = measures["change_percent"]
+            lines.append(
+                {
+                    "problem": problem.name,
+                    "kernel": numerics.kernel,
+                    "coupling": numerics.coupling,
+                    "stabilised": numerics.nu_stab is not None,
+                    "ratio": numerics.ratio,
+                    "mesh_ratio": problem.ratio(numerics),
+                    "grid": numerics.grid,
+                    **measures,
+                    "leaks": change is not None and change > problem.leak,
+                    "failed": record["failed"],
+                    "step_halvings": record["halvings"],
+                    "wall_s": record["wall_s"],
+                }
+            )
+        return lines
+
+    def draw(self, records: Sequence[Record], known: dict[str, float], out: Path) -> None:
+        lines = self.lines(records, known)
+        write_table(out / "kernels.csv", lines)
+        _draw(self, lines, out / "kernels.png")
+
+
+def write_table(path: Path, lines: Sequence[Record]) -> None:
+    """Write the lines as CSV; numbers keep all their digits, what is not known is empty."""
+    with path.open("w", newline="") as file:
+        table = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(lines)
+
+
+def _table(found: Sequence[Rule], lines: Sequence[Record], factor: float) -> list[Row]:
+    """Return what is printed: the rule of each choice, then how many runs broke down or leaked."""
+    shown = [row("mesh over grid that fits", "", source=f"no leak, error within {factor:g} times the best")]
+    shown += [row(rule.name, rule.span or "none", source=rule.text) for rule in found]
+    for word, count in (
+        ("broke down", sum(line["failed"] is not None for line in lines)),
+        ("leak", sum(bool(line["leaks"]) for line in lines)),
+        ("sound", sum(sound(line) for line in lines)),
+    ):
+        shown.append(row(f"runs, {word}", count, source=f"of {len(lines)}"))
+    return shown
+
+
+def _draw(study: Kernels, lines: Sequence[Record], path: Path) -> None:
+    from valvefsi.post.plots.kernel import HeatMap, heat_maps
+
+    found = {(r["problem"], r["stabilised"], r["coupling"], r["kernel"], r["ratio"]): r for r in lines}
+    columns = [(PROBLEMS[name], kind) for name in study.problems for kind in study.kinds(PROBLEMS[name])]
+
+    def heat_map(problem: StudyProblem, kind: bool, coupling: str, key: str) -> HeatMap:
+        cells = [
+            [found[problem.name, kind, coupling, kernel, ratio] for ratio in study.ratios]
+            for kernel in study.kernels
+        ]
+        state = "" if not problem.stabilised else "stabilised: " if kind else "not stabilised: "
+        return HeatMap(
+            title=problem.title,
+            values=[[r[key] for r in line] for line in cells],
+            leaks=[[bool(r["leaks"]) for r in line] for line in cells],
+            label=f"{state}{LABELS[key]}",
+            limits=LIMITS[key],
+        )
+
+    def change_of(problem: StudyProblem) -> str:
+        return "change_percent" if problem.stabilised else "u_max_cm_s"
+
+    panels = {
+        f"{coupling}: {word}": [
+            heat_map(problem, kind, coupling, key or change_of(problem)) for problem, kind in columns
+        ]
+        for word, key in (("error", "error_percent"), ("change of area, spurious velocity", None))
+        for coupling in study.couplings
+    }
+    heat_maps(path, panels, rows=[SHORT.get(k, k) for k in study.kernels], columns=study.ratios)
+
+
+LABELS = {"error_percent": "|error| [%]", "change_percent": "area change [%]", "u_max_cm_s": "|u| [cm/s]"}
+LIMITS = {"error_percent": (0.5, 20.0), "change_percent": (0.02, 5.0), "u_max_cm_s": (1.0e-6, 3.0e-4)}

@@ -1,0 +1,268 @@
+"""Speed of the fluid step: phases, and the ratio to a fast cosine transform of the same grid in the same run.
+
+One pair is scipy.fft.dctn and idctn of the grid on one thread: a yardstick that moves with the machine. The bytes that
+a step must move, over its time, compare with the bandwidth of a triad on all ranks at once.
+"""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public
+from valvefsi.benchmarks.options import Parameters, Values, option
+from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.running import time_of_pair
+from valvefsi.benchmarks.studies import cost_model, elastic_speed
+from valvefsi.errors import CaseError
+from valvefsi.fluid.advection import SCHEMES
+from valvefsi.fluid.boundary import Boundary, Wall
+from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
+from valvefsi.grid import Faces, MacGrid
+from valvefsi.runtime import threads
+from valvefsi.runtime.clock import Timed
+
+PARAMETERS: Parameters = {
+    "rho": (1.0, "g/cm^3"),
+    "mu": (0.01, "dyn*s/cm^2"),
+    "cfl": (0.3, "1"),
+    "advection": ("centred", tuple(SCHEMES)),
+    "viscous": ("implicit", ("implicit", "explicit")),
+}
+PARTS = ("viscous solves", "pressure solve", "ghosts", "right-hand side", "projection")
+CALIBRATION = 96
+"""Cells along each axis of the grid from which the cost model takes the constants of one core."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Yardsticks:
+    """What is measured beside the grids: elastic forces, and with ``--model`` one core and the network."""
+
+    elastic: Record
+    machine: cost_model.Machine | None
+    network: cost_model.Network | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Speed(Benchmark[int, Yardsticks]):
+    """Fluid steps on grids of N cells along each axis, walls on all sides but one pair."""
+
+    name = "speed"
+    parameters = PARAMETERS
+
+    sizes: tuple[int, ...] = option((64, 128), "Cells per edge, one or several.", metavar="N,N", least=4)
+    dim: int = option(3, "Dimensions.", least=2, most=3)
+    steps: int = option(5, "Steps that are timed, after two that are not.", least=1)
+    model: bool = option(False, "Predict steps on many cores too.")
+
+    def check(self, values: Values) -> None:
+        if self.model and self.dim == 2:
+            raise CaseError("the cost model is of three dimensions", key="--model", value="--dim 2")
+
+    @property
+    def solves(self) -> int:
+        """Direct solves in a step."""
+        return solves_of(self.values)
+
+    def runs(self) -> tuple[int, ...]:
+        return self.sizes
+
+    def references(self, comm: MPI.Comm) -> Yardsticks:
+        machine = machine_here(self.values, comm, self.steps) if self.model else None
+        network = cost_model.measure_network(comm) if self.model else None
+        return Yardsticks(elastic=elastic_speed.measure(comm), machine=machine, network=network)
+
+    def one(self, run: int, job: Job) -> Record:
+        return measure((run,) * self.dim, self.steps, self.values, job.comm)
+
+    def report(self, records: Sequence[Record], known: Yardsticks) -> Report:
+        elastic = dict(known.elastic)
+        table = [_row(r, self.dim, self.values["advection"] == "xsppm7") for r in records]
+        table.append(elastic.pop("row"))
+        model, rows = self._model(records, known)
+        return Report(
+            parameters=self.values | {"sizes": list(self.sizes), "dim": self.dim, "steps": self.steps},
+            quantities={r["N"]: {"pairs_per_step": r["pairs_per_step"]} for r in records},
+            more={"grids": [public(r) for r in records], "elastic_force": elastic, "cost_model": model},
+            table=table + rows,
+        )
+
+    def _model(self, records: Sequence[Record], known: Yardsticks) -> tuple[Record, list[Row]]:
+        """Compare the cost model with the grids measured, and predict."""
+        machine, network = known.machine, known.network
+        if machine is None:
+            return {}, []
+        rows, ranks, advection = [], records[0]["ranks"], self.values["advection"]
+        for grid in records:
+            count = cost_model.work(grid["N"], ranks, solves=self.solves, advection=advection)
+            step = cost_model.predict(count, machine, network or cost_model.Network())["step"]
+            name = f"model: {grid['N']}^3, {ranks} rank{'s' * (ranks > 1)}"
+            rows.append(row(name, 1e3 * step, grid["step_ms"], "measured here", unit="ms"))
+        lines = cost_model.table(machine, cost_model.Network(), solves=self.solves, advection=advection)
+        for line in lines:
+            each = (
+                f"per core {line['flops']:.2g} flops, {line['bytes']:.2g} bytes, {line['messages']} messages"
+            )
+            name = f"model: {line['N']}^3, {line['cores']} cores"
+            rows.append(row(name, 1e3 * line["step_s"], None, each, unit="ms"))
+        return {
+            "calibration_N": CALIBRATION,
+            "machine": asdict(machine),
+            "network_measured": network and asdict(network),
+            "network_assumed": asdict(cost_model.Network()),
+            "predictions": lines,
+        }, rows
+
+    def draw(self, records: Sequence[Record], known: Yardsticks, out: Path) -> None:
+        from valvefsi.post.plots.base import phase_bars
+
+        ranks = records[0]["ranks"]
+        heading = f"One fluid step on {ranks} rank{'s' * (ranks > 1)}"
+        phase_bars(
+            out / "speed.png", {f"{r['N']}^{self.dim}": r["phases_ms"] for r in records}, title=heading
+        )
+
+
+def solves_of(parameters: Values) -> int:
+    """Return the direct solves in a step."""
+    return 4 if parameters["viscous"] == "implicit" else 1
+
+
+def machine_here(parameters: Values, comm: MPI.Comm, steps: int = 3) -> cost_model.Machine:
+    """Return the times of one core of this machine, with all of them at work. Collective."""
+    alone = measure((CALIBRATION,) * 3, steps, parameters, MPI.COMM_SELF)
+    phases = {k: comm.allreduce(v, op=MPI.MAX) for k, v in alone["phases_ms"].items()}
+    return cost_model.calibrate(CALIBRATION, phases, solves=solves_of(parameters))
+
+
+def _row(grid: Record, dim: int, upwind: bool) -> Row:
+    """One line of the table; the budget is that of an xsPPM7 step of 128^3 cells on one rank."""
+    each, ranks = grid["threads"], grid["ranks"]
+    due = upwind and (grid["N"], dim, ranks, each) == (128, 3, 1, 1)
+    name = f"{grid['N']}^{dim}, {ranks} rank{'s' * (ranks > 1)}: step / DCT pair"
+    name = name.replace(":", f" of {each} threads:") if each > 1 else name
+    return row(
+        name, grid["pairs_per_step"], 8.0 if due else None, "budget of the finished fluid" if due else ""
+    )
+
+
+def measure(cells: tuple[int, ...], steps: int, parameters: Values, comm: MPI.Comm) -> Record:
+    """Time steps on one grid: the median, its parts, pairs of transforms in turns with them (collective)."""
+    n, dim = cells[0], len(cells)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    started = time.perf_counter()
+    grid = MacGrid([0.0] * dim, [1.0] * dim, cells, [False] * (dim - 1) + [True], comm)
+    lid = Wall(velocity=(0.0,) + (1.0,) * (dim - 1))
+    physics = {key: parameters[key] for key in ("rho", "mu", "advection")}
+    kind = ExplicitViscosity if parameters["viscous"] == "explicit" else NavierStokes
+    fluid = kind(grid, Boundary(grid, {"x_upper": lid}), **physics)
+    set_up = time.perf_counter() - started
+    phases: dict[str, float] = defaultdict(float)
+    dt = min(parameters["cfl"] / n, fluid.dt_limit)
+    times, pairs = _march(fluid, dt, steps, phases)
+    step, pair = float(np.median(times)), float(np.median(pairs))
+    grown = comm.allreduce((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024.0)
+    return {
+        "N": n,
+        "cells": n**dim,
+        "ranks": comm.size,
+        "threads": threads.count(),
+        "step_ms": 1e3 * step,
+        "step_ms_range": [1e3 * min(times), 1e3 * max(times)],
+        "set_up_ms": 1e3 * set_up,
+        "dct_pair_ms": 1e3 * pair,
+        "pairs_per_step": step / pair,
+        "cell_steps_per_s": n**dim / step,
+        # The process grows by its largest grid so far: no number for a grid that is small beside the rest.
+        "memory_growth_float64_per_cell": grown / 8.0 / n**dim if n**dim > 10**6 else None,
+        "phases_ms": _exclusive({k: 1e3 * v / steps for k, v in phases.items()}),
+        **_traffic(n, dim, step, parameters, comm),
+    }
+
+
+def _traffic(n: int, dim: int, step: float, parameters: Values, comm: MPI.Comm) -> dict[str, float]:
+    """Bytes that a rank must move in a step of a cube, by the count of the cost model, and a triad's in this run."""
+    if dim == 2:
+        return {}
+    solves = 4 if parameters["viscous"] == "implicit" else 1
+    moved = cost_model.work(n, comm.size, solves=solves, advection=parameters["advection"]).bytes
+    triad = cost_model.triad_bandwidth(comm)
+    return {
+        "bytes_per_step": moved,
+        "gigabytes_per_s": 1e-9 * moved / step,
+        "triad_gigabytes_per_s": 1e-9 * triad,
+        "part_of_triad": moved / step / triad,
+    }
+
+
+def _march(
+    fluid: NavierStokes, dt: float, steps: int, phases: dict[str, float]
+) -> tuple[list[float], list[float]]:
+    """Take two steps and then ``steps`` more; return their times on all ranks together, and those of pairs after them.
+
+    Pairs and steps take turns, so that a load on the machine that comes and goes slows both [s].
+    """
+    grid = fluid.grid
+    clocked = _clock(fluid, phases)
+    u, p, f = fluid.fill(_swirl(grid), 0.0), grid.zeros(), grid.zero_faces()
+    N_old, times, pairs = fluid.advection(u), [], []
+    for k in range(steps + 2):
+        if k == 2:
+            phases.clear()
+        grid.comm.barrier()
+        started = time.perf_counter()
+        N = clocked.advection(u)
+        u, p = clocked.step(u, p, (N, N_old, 1.0), f, k * dt, dt)
+        N_old = N
+        grid.comm.barrier()
+        times.append(time.perf_counter() - started)
+        pairs.append(grid.comm.bcast(time_of_pair(grid.cells[: grid.dim]) if grid.comm.rank == 0 else None))
+    return times[2:], pairs[2:]
+
+
+def _swirl(grid: MacGrid) -> Faces:
+    """A smooth flow that fills the box: a fluid at rest is no work for an upwind scheme."""
+    u = grid.zero_faces()
+    for d in range(grid.dim):
+        a, b = (grid.points(d)[(d + k) % grid.dim] for k in (1, 2))
+        u[d][...] = 0.5 * np.sin(2 * np.pi * a) + 0.5 * np.cos(4 * np.pi * b)
+    return u
+
+
+def _clock(fluid: NavierStokes, table: dict[str, float]) -> Timed:
+    """Put clocks into the parts of a fluid step, and around the step."""
+    parts: Any = fluid
+    viscous = getattr(parts, "velocity_solvers", ())
+    parts.velocity_solvers = [_clock_solver(s, table, "viscous solves") for s in viscous]
+    parts.pressure_solver = _clock_solver(parts.pressure_solver, table, "pressure solve")
+    parts.grid = Timed(parts.grid, table, {"exchange": "ghosts"})
+    kernels = {"momentum": "right-hand side", "advance": "right-hand side"}
+    kernels |= {"divergence": "projection", "subtract_gradient": "projection"}
+    parts.operators = Timed(parts.operators, table, kernels)
+    return Timed(fluid, table, {"advection": "advection", "step": "step"})
+
+
+def _clock_solver(solver: Any, table: dict[str, float], phase: str) -> Timed:
+    moves = dict.fromkeys(("forward", "backward"), f"transposes in {phase}")
+    solver.transposes = tuple(t and Timed(t, table, moves) for t in solver.transposes)
+    return Timed(solver, table, {"solve": phase})
+
+
+def _exclusive(phases: dict[str, float]) -> dict[str, float]:
+    """Take the parts out of the time of a whole step, and the transposes out of that of solves."""
+    rest = phases.pop("step", 0.0) - sum(phases.get(name, 0.0) for name in PARTS)
+    moves = 0.0
+    for name in ("viscous solves", "pressure solve"):
+        inside = phases.pop(f"transposes in {name}", 0.0)
+        moves += inside
+        if inside:
+            phases[name] -= inside
+    return {**phases, **({"transposes": moves} if moves else {}), "all else": rest}

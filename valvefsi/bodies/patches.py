@@ -1,0 +1,164 @@
+"""Points of a surface that are held in patches: what springs of points much closer than a kernel can hold.
+
+Points half a spacing apart are more than the velocities that their kernels see. Springs on each point then reach
+combinations whose forces all but cancel in the kernel: slowly, the slower the better they cancel, they bring every
+velocity near the surface to rest, and the surface thickens by a part of the spacing for as long as a run lasts.
+
+In patches of some spacings the springs hold the mean only. With R_i the smallest turn that takes the normal at point i
+to that of its patch c, and w_i its area,
+
+    (P v)_i = R_i^T sum_j w_j R_j v_j / sum_j w_j            over the points j of the patch:
+
+a projection, symmetric in the product of the areas, under which uniform pressure stays what it is on a curved surface.
+The points remain as close as they must be for the surface to be tight; what does not agree with P v moves freely and is
+felt by nothing. This needs a kernel that turns a uniform pressure on a surface into the gradient of one: a composite
+B-spline; with others the fluid flows in rings through the patches.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse
+from mpi4py import MPI
+
+from valvefsi.bodies.rigid import RigidSurface
+
+if TYPE_CHECKING:
+    from valvefsi.coupling.transfer import Coupling
+    from valvefsi.geometry.aortic_section import PointSurface
+    from valvefsi.types import Array, Indices
+
+LEAST = 0.5
+"""Least cosine of the angle between a normal and that of its patch."""
+
+
+class PatchedSurface(RigidSurface):
+    """A rigid surface whose springs and dampers hold the means over patches; ``d`` is P of how far points are carried.
+
+    Args:
+        surface: Points, areas and normals of the whole surface, the same on all ranks.
+        labels: Patch of each point, negative for one by itself, ``(num_points,)``.
+        coupling: Its kernel on the grid, a composite B-spline where pressures act on the surface.
+        name: Name in files.
+        stiffness: kappa per area [dyn/cm^3].
+        damping: eta per area [dyn s/cm^3].
+
+    Raises:
+        StabilityError: A point lies too near to a side, on the rank of the point.
+        ValueError: Springs that cannot hold.
+    """
+
+    def __init__(
+        self,
+        surface: PointSurface,
+        labels: Indices,
+        coupling: Coupling,
+        *,
+        name: str,
+        stiffness: float,
+        damping: float,
+    ) -> None:
+        super().__init__(
+            surface.points,
+            surface.areas,
+            coupling,
+            name=name,
+            stiffness=stiffness,
+            damping=damping,
+            faces=surface.faces,
+        )
+        self.patches = Patches(labels, surface.normals, surface.areas).on(self.ids, coupling.grid.comm)
+
+    def held(self, v: Array) -> Array:
+        """Return the means over patches of a vector at the points, ``(n, 3)`` (collective)."""
+        return self.patches.mean(v)
+
+
+class Patches:
+    """The patches of a surface, the same on all ranks.
+
+    Args:
+        labels: Patch of each point, negative for one by itself, ``(num_points,)``.
+        normals: Unit normal at each point, ``(num_points, 3)``.
+        areas: Area of each point, ``(num_points,)`` [cm^2].
+
+    Note:
+        A patch around an edge, whose normals differ by more than 60 degrees from their mean, falls apart into points.
+    """
+
+    def __init__(self, labels: Indices, normals: Array, areas: Array) -> None:
+        labels = _numbered(labels)
+        means = _means(labels, normals, areas)
+        cosine = (normals * means[labels]).sum(axis=1)
+        edges = np.unique(labels[(labels >= 0) & (cosine < LEAST)])
+        self.labels: Indices = _numbered(np.where(np.isin(labels, edges), -1, labels))
+        together, self.areas = self.labels >= 0, areas
+        self.total = np.bincount(self.labels[together], areas[together]).astype(float)
+        self.turns = np.broadcast_to(np.eye(3), (len(labels), 3, 3)).copy()
+        means = _means(self.labels, normals, areas)
+        self.turns[together] = _turns(normals[together], means[self.labels[together]])
+
+    def on(self, ids: Indices, comm: MPI.Comm) -> LocalPatches:
+        """Return what a rank needs that holds the points with these numbers."""
+        return LocalPatches(self, ids, comm)
+
+
+class LocalPatches:
+    """The projection P for the points of this rank."""
+
+    def __init__(self, patches: Patches, ids: Indices, comm: MPI.Comm) -> None:
+        self.comm, size = comm, len(patches.total)
+        labels, turns = patches.labels[ids], patches.turns[ids]
+        here = np.flatnonzero(labels >= 0)
+        self.alone = np.flatnonzero(labels < 0)
+        # Row 3 k + i of point k is component i of its turned vector, in row 3 c + i of its patch c.
+        points = scipy.sparse.bsr_array(
+            (turns[here], here, np.arange(len(here) + 1)), shape=(3 * len(here), 3 * len(ids))
+        )
+        ones = np.broadcast_to(np.eye(3), (len(here), 3, 3))
+        into = scipy.sparse.bsr_array(
+            (ones, labels[here], np.arange(len(here) + 1)), shape=(3 * len(here), 3 * size)
+        )
+        self.back = (points.T @ into).tocsr()
+        parts = np.repeat(patches.areas[ids][here] / patches.total[labels[here]], 3)
+        self.average = (
+            into.T @ (scipy.sparse.dia_array((parts[None], [0]), shape=(len(parts),) * 2) @ points)
+        ).tocsr()
+
+    def mean(self, v: Array) -> Array:
+        """Return P v, ``(n, 3)``; points by themselves keep theirs (collective)."""
+        means = self.average @ v.ravel()
+        if self.comm.size > 1:
+            self.comm.Allreduce(MPI.IN_PLACE, means)
+        out = (self.back @ means).reshape(-1, 3)
+        out[self.alone] = v[self.alone]
+        return out
+
+
+def _numbered(labels: Indices) -> Indices:
+    """Return labels 0, 1, ... of patches with at least two points; -1 for all other points."""
+    _, at, count = np.unique(labels, return_inverse=True, return_counts=True)
+    together = (labels >= 0) & (count[at] > 1)
+    numbers = np.full(len(labels), -1, dtype=np.int64)
+    numbers[together] = np.unique(labels[together], return_inverse=True)[1]
+    return numbers
+
+
+def _means(labels: Indices, normals: Array, areas: Array) -> Array:
+    """Return the mean unit normal of each patch, with a last row for the points by themselves, ``(m + 1, 3)``."""
+    together = labels >= 0
+    at, w = labels[together], areas[together]
+    mean = np.stack([np.bincount(at, w * n).astype(float) for n in normals[together].T], axis=1)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
+    return np.concatenate([mean, [[0.0, 0.0, 0.0]]])
+
+
+def _turns(normals: Array, to: Array) -> Array:
+    """Return the smallest rotations that take unit vectors to others, ``(n, 3, 3)``."""
+    cosine = (normals * to).sum(axis=1)
+    x, y, z = np.cross(normals, to).T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    return np.eye(3) + cross + cross @ cross / (1.0 + cosine)[:, None, None]
