@@ -8,7 +8,6 @@
 # %% Parameters
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -61,24 +60,24 @@ for name, truth in TRUTH.items():
 # %% [markdown]
 # ## Into a case
 #
-# `material.toml` is included where a case names its material. Its angle is relative to axis 1 of the test: here a
-# constant direction in the block. A curved leaflet needs a fibre field instead.
+# `material.toml` is included where a case names its material. Its angle is relative to the leaflet's own
+# circumferential direction, which the meshes of valves have; a mesh of your own gets it as a fibre field
+# (`[[solid.fibre]]`). For a flat sheet, `--axis1 x` writes an angle to the x axis.
 
 # %% A case that uses it
 case_file = OUT / "case.toml"
-shutil.copy(ROOT / "meshes" / "compressed_block.msh", OUT)
 case_file.write_text(
     """
 [grid]
-lower = ["0 cm", "0 cm"]
-upper = ["40 cm", "40 cm"]
-cells = [32, 32]
+lower = ["-2 cm", "-2 cm", "-1 cm"]
+upper = ["2 cm", "2 cm", "3 cm"]
+cells = [40, 40, 40]
 [time]
-dt = "1 ms"
-t_end = "1 s"
+dt = "10 us"
+t_end = "1 ms"
 [[solid]]
-name = "specimen"
-mesh = { file = "compressed_block.msh" }
+name = "leaflets"
+mesh = { valve = { type = "porcine", diameter = "25 mm" } }
 material = { include = "material.toml" }
 """
 )

@@ -212,10 +212,27 @@ def commands() -> str:
 def leaves(command: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Yield the name and the command of everything that can be run."""
     if not hasattr(command, "commands"):
-        yield name, command
+        yield name, with_options(command, name.split()[-1])
         return
     for key, inner in command.commands.items():
+        if inner.hidden:
+            continue
         yield from leaves(inner, f"{name} {key}")
+
+
+def with_options(command: Any, name: str) -> Any:
+    """Return a command with its options; those of a benchmark are made when it is used, so they are made here."""
+    import typer
+
+    from valvefsi.benchmarks.registry import ENTRIES
+    from valvefsi.cli.bench_command import command_of
+
+    entry = next((entry for entry in ENTRIES if name in (entry.name, *entry.former)), None)
+    if command.params or entry is None:
+        return command
+    app = typer.Typer(add_completion=False)
+    app.command(help=entry.help)(command_of(entry.load()))
+    return typer.main.get_command(app)
 
 
 # Modules
@@ -244,6 +261,10 @@ def modules(name: str) -> str:
         only = ["   :no-members:"] if (ROOT / module.replace(".", "/")).is_dir() else []
         parts += ["", module, "-" * len(module), "", f".. automodule:: {module}", *only, ""]
     return "\n".join(parts)
+
+
+NUMBERED = re.compile(r"\(?[0-9a-z][.)] ")
+"""Start of an item of a numbered list."""
 
 
 def set_formulas(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
@@ -279,7 +300,7 @@ def _in_field(lines: list[str]) -> bool:
     """Return whether the last lines belong to a field list, a directive or a block that was opened already."""
     for line in reversed(lines):
         if line.strip() and not line.startswith(" "):
-            return line.startswith((":", "..", "*", "-")) or line.endswith("::")
+            return line.startswith((":", "..", "*", "-")) or line.endswith("::") or bool(NUMBERED.match(line))
     return False
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 import re
@@ -132,6 +133,7 @@ def understand(words, *, whole):
             return
         name, command, words = words[0], command.commands.get(words[0]), words[1:]
         assert command is not None, f"there is no command {name}"
+    command = generate.with_options(command, name)
     words = [word for word in words if word not in ("--help", "...")]
     command.make_context(name, words, resilient_parsing=not whole)
     known = {text for parameter in command.params for text in parameter.opts}
@@ -192,6 +194,15 @@ def test_every_command_is_on_its_page():
     page = generate.commands()
     for name in ("run", "bench cavity", "fit biaxial", "mesh import"):
         assert f"## `valvefsi {name}`" in page
+    assert "| `--reynolds` |" in page
+
+
+def test_every_module_has_a_page_and_can_be_imported():
+    pages = "".join(map(generate.modules, generate.parts_of_the_package()))
+    modules = re.findall(r"automodule:: (\S+)", pages)
+    assert {"valvefsi.fsi", "valvefsi.coupling.kernels", "valvefsi.solid.statics.problem"} <= set(modules)
+    for module in modules:
+        importlib.import_module(module)
 
 
 def test_a_demo_becomes_a_page():

@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-TESTS = Path(__file__).parent
-REFERENCE = (TESTS / "reference", TESTS.parent / "valvefsi" / "benchmarks" / "reference")
-TABLES = [path for folder in REFERENCE for path in sorted(folder.rglob("*.csv"))]
-KEYS = ("source", "doi", "units", "method")
+from valvefsi.benchmarks import references
+
+TABLES = sorted(references.FOLDER.glob("*.csv"))
+KEYS = references.KEYS
 
 
 def missing_keys(text: str) -> list[str]:
     """Return the keys that have no header line ``# key: value`` above the first data line."""
-    found = set()
-    for line in text.splitlines():
-        if not line.startswith("#"):
-            break
-        key, _, value = line[1:].partition(":")
-        if value.strip():
-            found.add(key.strip())
-    return [key for key in KEYS if key not in found]
+    return [key for key in KEYS if key not in references.header(text)]
 
 
 @pytest.mark.parametrize("path", TABLES, ids=lambda path: path.name)
@@ -30,9 +21,17 @@ def test_a_reference_table_states_source_doi_units_and_method(path):
     assert not missing, f"{path.name}: no header line for {', '.join(missing)}"
 
 
-def test_there_are_reference_tables_to_check():
-    for folder in REFERENCE:
-        assert any(path.is_relative_to(folder) for path in TABLES), folder
+def test_every_table_is_read_and_rows_are_found_by_their_columns():
+    assert len(TABLES) > 8
+    for path in TABLES:
+        table = references.read(path.stem)
+        assert table.rows
+        assert all(len(row) == len(table.rows[0]) and None not in row.values() for row in table.rows)
+    ghia = references.read("ghia1982_cavity")
+    assert ghia.value("velocity", reynolds=1000, component="v", position="0.5000") == 0.02526
+    assert len(ghia.column("velocity", reynolds=100, component="u")) == 17
+    with pytest.raises(ValueError, match="unpack"):
+        ghia.value("velocity", reynolds=100, component="u")
 
 
 @pytest.mark.parametrize("key", KEYS)

@@ -33,7 +33,8 @@ class CaseError(ValvefsiError, ValueError):
         self.file, self.key, self.value, self.reason = file, key, value, message
         place = "" if key is None else (key if value is None else f"{key} = {_short(value)}")
         text = ": ".join(str(part) for part in (file, place, message) if part)
-        super().__init__(CONTROL.sub(" ", text))
+        text = CONTROL.sub(" ", text)
+        super().__init__(text if len(text) <= 10 * LONGEST else f"{text[: 10 * LONGEST]} ...")
 
 
 def _short(value: object) -> str:

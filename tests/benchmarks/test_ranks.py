@@ -1,4 +1,4 @@
-"""Every immersed benchmark gives one answer on one rank and on all, to what round-off grows to in a few steps."""
+"""Every benchmark with a body gives one answer on one rank and on all, to what round-off grows to in a few steps."""
 
 from __future__ import annotations
 
@@ -8,65 +8,46 @@ from collections.abc import Mapping
 import pytest
 from mpi4py import MPI
 
-from valvefsi.benchmarks import (
-    cavity_solids,
-    compression,
-    cook,
-    cylinder,
-    cylinder_fitted,
-    immersed_study,
-    kernels,
-    shell,
-    torsion,
-    turek,
-    valve_2d,
-)
-from valvefsi.benchmarks.immersed import Numerics
+from tests.benchmarks.tiny import KINDS
+from valvefsi.benchmarks.immersed import cook
 
 WORLD = MPI.COMM_WORLD
-TIMES = {"cell_steps_per_s", "date", "environment", "pair_s", "pairs", "phases_pairs", "ranks", "step_ms"}
-TIMES |= {"step_s", "table", "timing", "wall_s"}
+TIMES = {
+    "cell_steps_per_s",
+    "date",
+    "environment",
+    "pair_s",
+    "pairs",
+    "phases_pairs",
+    "peak_memory_gib",
+    "ranks",
+    "step_ms",
+}
+TIMES |= {"peak_memory_gib", "step_s", "table", "timing", "wall_s"}
 """Keys of a result that hold times, or what was run where; the table repeats its numbers among times."""
 
 
-def study(benchmark, grid, *overrides):
-    setup = immersed_study.Setup(numerics=Numerics(grid=grid), stabilised="on", overrides=overrides)
-    return lambda **where: benchmark.run(setup, **where)
-
-
-def cavity(dim, steps):
-    numerics = Numerics(grid=16, kernel="ib4", nu_stab=None)
-    setup = cavity_solids.Setup(numerics=numerics, dim=dim, elements=4, steps=steps)
-    return lambda **where: cavity_solids.run(setup, **where)
-
-
-def of(benchmark, **given):
-    return lambda **where: benchmark.run(benchmark.Setup(**given), **where)
-
-
 RUNS = {
-    "cook": study(cook, 20, "t_end=0.05"),
-    "torsion": study(torsion, 6, "t_end=0.01"),
-    "compression": of(compression, elements=8, grid=16, overrides=["t_end=0.1"]),
-    "shell": of(shell, grid=24, refine=0, couplings=("nodal", "elemental"), overrides=["t_end=0.02"]),
-    "sphere-in-cavity": cavity(3, 4),
-    "disk-in-cavity": cavity(2, 40),
-    "kernels": of(
-        kernels,
-        problems=("shell",),
-        kernels=("composite_bspline32",),
-        ratios=(1.0,),
-        couplings=("nodal",),
-        stabilised="off",
-        grids={"shell": 24},
-        overrides=["shell.t_end=0.02"],
-    ),
-    "turek-fsi": of(turek, case="fsi2", cells=2, t_end=0.01),
-    "valve-2d": of(valve_2d, cells=24, t_end=0.002),
-    "cylinder": lambda **where: cylinder.run(cells=8, overrides=["t_end=0.5", "width=12"], **where),
-    "cylinder-fitted": lambda **where: cylinder_fitted.run(
-        size=0.2, overrides=["t_end=0.5", "width=6"], **where
-    ),
+    "cook": {"grid": 20, "ratio": 1.0, "stabilised": "on", "overrides": ["t_end=0.05"]},
+    "torsion": {"grid": 6, "ratio": 1.0, "stabilised": "on", "overrides": ["t_end=0.01"]},
+    "compression": {"elements": 8, "grid": 16, "overrides": ["t_end=0.1"]},
+    "shell": {"grid": 24, "refine": 0, "couplings": ("nodal", "elemental"), "overrides": ["t_end=0.02"]},
+    "sphere-in-cavity": {"grid": 16, "elements": 4, "steps": 4},
+    "disk-in-cavity": {"grid": 16, "refine": 0, "t_end": 0.08},
+    "kernels": {
+        "problems": ("shell",),
+        "kernels": ("composite_bspline32",),
+        "ratios": (1.0,),
+        "couplings": ("nodal",),
+        "stabilised": "off",
+        "grids": {"shell": 24},
+        "overrides": ["shell.t_end=0.02"],
+    },
+    "turek-fsi": {"case": "fsi2", "cells": 2, "t_end": 0.01},
+    "valve-2d": {"cells": 24, "t_end": 0.002},
+    "cylinder": {"cells": 8, "overrides": ["t_end=0.5", "width=12"]},
+    "cylinder-fitted": {"size": 0.2, "overrides": ["t_end=0.5", "width=6"]},
+    "leakage": {"overrides": ["h=2 mm", "dt=0.1 ms", "t_end=2 ms"]},
 }
 
 FLOORS = {"turek-fsi": 1e-8}
@@ -96,10 +77,11 @@ def test_numbers_of_a_result_are_found_and_times_are_not():
 def test_a_benchmark_does_not_see_the_number_of_ranks(name, shared_tmp, monkeypatch):
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)  # most of the time
     monkeypatch.setattr(cook, "FINE", 8)
-    RUNS[name](out=shared_tmp / "together", comm=WORLD)
+    benchmark = KINDS[name].load()(**RUNS[name])
+    benchmark.run(out=shared_tmp / "together", comm=WORLD)
     different = None
     if WORLD.rank == 0:
-        RUNS[name](out=shared_tmp / "alone", comm=MPI.COMM_SELF)
+        benchmark.run(out=shared_tmp / "alone", comm=MPI.COMM_SELF)
         files = [shared_tmp / folder / "result.json" for folder in ("together", "alone")]
         together, alone = (numbers(json.loads(file.read_text())) for file in files)
         assert len(alone) > 3

@@ -11,8 +11,7 @@ from mpi4py import MPI
 
 from tests.coupled_case import block_model, coupled, moved, simulation
 from valvefsi import fsi
-from valvefsi.benchmarks.cavity_solids import PARAMETERS, Setup, model_of
-from valvefsi.benchmarks.immersed import Numerics
+from valvefsi.benchmarks.immersed.cavity_solids import DiskInCavity
 from valvefsi.bodies.elastic_plan import LONGEST_GAP
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.geometry.shapes import box, rectangle
@@ -84,10 +83,8 @@ def test_a_run_keeps_its_warnings_with_its_timing(shared_tmp):
 
 def area_change(ratio, coupling, t_end=2.5):
     """Relative change of area of the disk in the cavity, and the largest gap of its points over h."""
-    numerics = Numerics(grid=24, ratio=ratio, kernel="ib4", coupling=coupling, nu_stab=None)
-    values = {name: value for name, (value, _) in PARAMETERS.items()}
-    model, solid = model_of(Setup(numerics=numerics, dim=2), 24, values, MPI.COMM_WORLD)
-    dt = 1.0 / 8.0 / 24
+    model = DiskInCavity(grid=24, ratio=ratio, coupling=coupling).model(24, MPI.COMM_WORLD)
+    solid, dt = model.bodies[0].solid, 1.0 / 8.0 / 24
     state = fsi.initial_state(model, dt)
     for _ in range(round(t_end / dt)):
         state = fsi.step(model, state, dt)

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from valvefsi.benchmarks.frame import Command
 
-FLOWS, IMMERSED, STATICS, STUDIES = "Flows", "Immersed bodies", "Solids alone (statics)", "Studies and speed"
-
 
 @dataclass(frozen=True)
 class Entry:
@@ -37,147 +35,70 @@ class Entry:
         return kind
 
 
-ENTRIES = (
-    Entry(
-        "taylor-green",
-        FLOWS,
-        "flows.taylor_green:TaylorGreen",
-        "Decay of the Taylor-Green vortex at Re 1600, in the eighth that its symmetry leaves.",
-    ),
-    Entry(
-        "channel",
-        FLOWS,
-        "flows.channel:Channel",
-        "Poiseuille and Womersley flow between open sides against their closed forms.",
-    ),
-    Entry(
-        "cavity",
-        FLOWS,
-        "flows.cavity:Cavity",
-        "Steady flow in a cavity with a sliding lid against a published table.",
-    ),
-    Entry(
-        "cylinder",
-        FLOWS,
-        "flows.cylinder:Cylinder",
-        "Drag, lift and shedding of a rigid cylinder at Re 100, held in the flow on a graded grid.",
-    ),
-    Entry(
-        "cylinder-fitted",
-        FLOWS,
-        "flows.cylinder_fitted:CylinderFitted",
-        "Flow past a cylinder at Re 100 on a mesh that fits it, with finite elements: an independent answer.",
-    ),
-    Entry(
-        "tube",
-        FLOWS,
-        "flows.tube:Tube",
-        "Flow in a tube of held points at any angle to the grid, against the start-up series.",
-    ),
-    Entry(
-        "leakage",
-        FLOWS,
-        "flows.leakage:Leakage",
-        "Leakage test: what flows through the aortic test section, closed by a plate, under 100 mmHg.",
-        former=("plug",),
-    ),
-    Entry(
-        "compression",
-        IMMERSED,
-        "immersed.compression:Compression",
-        "Benchmark E.1: a block compressed by a load, immersed, against the incompressible statics.",
-    ),
-    Entry(
-        "torsion",
-        IMMERSED,
-        "immersed.torsion:Torsion",
-        "Benchmark E.2: torsion of a column, immersed; finer grids are 1.5, 2, 3 and 4 times the first.",
-    ),
-    Entry(
-        "cook",
-        IMMERSED,
-        "immersed.cook:Cook",
-        "Cook's membrane, immersed, against the incompressible statics of the same run.",
-    ),
-    Entry(
-        "shell",
-        IMMERSED,
-        "immersed.shell:Shell",
-        "A thick shell and a closed membrane at rest: pressure and spurious velocity against closed forms.",
-    ),
-    Entry(
-        "sphere-in-cavity",
-        IMMERSED,
-        "immersed.cavity_solids:SphereInCavity",
-        "A soft sphere in a lid-driven cavity: volume kept, and the speed of a coupled step.",
-    ),
-    Entry(
-        "disk-in-cavity",
-        IMMERSED,
-        "immersed.cavity_solids:DiskInCavity",
-        "A soft disk in a lid-driven cavity: path and area on several grids; where its nodes are drawn apart it leaks.",
-    ),
-    Entry(
-        "valve-2d",
-        IMMERSED,
-        "immersed.valve_2d:Valve2D",
-        "Two leaflets bent by a pulsating inflow, against the tips' displacements of other codes.",
-    ),
-    Entry(
-        "turek-fsi",
-        IMMERSED,
-        "immersed.turek:TurekFsi",
-        "A flag that swings behind a cylinder (Turek and Hron 2006): displacement of its tip, drag and lift.",
-    ),
-    Entry(
-        "statics-compression",
-        STATICS,
-        "statics.compression:StaticCompression",
-        "Benchmark E.1 as incompressible statics: u_y of the top centre is -3.9212 cm.",
-    ),
-    Entry(
-        "statics-cook",
-        STATICS,
-        "statics.cook:StaticCook",
-        "Cook's membrane as incompressible statics, beside the published band.",
-    ),
-    Entry(
-        "statics-torsion",
-        STATICS,
-        "statics.torsion:StaticTorsion",
-        "Benchmark E.2 as incompressible statics: u_y of the top centre at five angles up to 2.5 pi.",
-    ),
-    Entry(
-        "thick-shells",
-        STATICS,
-        "statics.thick_shells:ThickShells",
-        "A thick cylinder and a thick sphere under inner pressure, against their closed forms.",
-    ),
-    Entry(
-        "hgo-strip",
-        STATICS,
-        "statics.hgo_strip:HgoStrip",
-        "A strip of the HGO material, flat and inflated as a ring, against the homogeneous solution (S1-S3).",
-    ),
-    Entry(
-        "land",
-        STATICS,
-        "statics.land:Land",
-        "Land et al. 2015, cardiac mechanics: beam, inflation, contraction.",
-    ),
-    Entry(
-        "kernels",
-        STUDIES,
-        "studies.kernels:Kernels",
-        "Every kernel at several ratios of mesh to grid, both couplings; goes on where it was interrupted.",
-    ),
-    Entry(
-        "speed",
-        STUDIES,
-        "studies.speed:Speed",
-        "Time a step of the fluid against a pair of cosine transforms of the same grid.",
-    ),
-)
+TABLE = """
+Flows:
+    taylor-green | flows.taylor_green:TaylorGreen | Decay of the Taylor-Green vortex at Re 1600, in the eighth \
+        that its symmetry leaves.
+    channel | flows.channel:Channel | Poiseuille and Womersley flow between open sides against their closed forms.
+    cavity | flows.cavity:Cavity | Steady flow in a cavity with a sliding lid against a published table.
+    cylinder | flows.cylinder:Cylinder | Drag, lift and shedding of a rigid cylinder at Re 100, held in the flow \
+        on a graded grid.
+    cylinder-fitted | flows.cylinder_fitted:CylinderFitted | Flow past a cylinder at Re 100 on a mesh that fits \
+        it, with finite elements: an independent answer.
+    tube | flows.tube:Tube | Flow in a tube of held points at any angle to the grid, against the start-up series.
+    leakage | flows.leakage:Leakage | Leakage test: what flows through the aortic test section, closed by a \
+        plate, under 100 mmHg.
+Immersed bodies:
+    compression | immersed.compression:Compression | Benchmark E.1: a block compressed by a load, immersed, \
+        against the incompressible statics.
+    torsion | immersed.torsion:Torsion | Benchmark E.2: torsion of a column, immersed; finer grids are 1.5, 2, 3 \
+        and 4 times the first.
+    cook | immersed.cook:Cook | Cook's membrane, immersed, against the incompressible statics of the same run.
+    shell | immersed.shell:Shell | A thick shell and a closed membrane at rest: pressure and spurious velocity \
+        against closed forms.
+    sphere-in-cavity | immersed.cavity_solids:SphereInCavity | A soft sphere in a lid-driven cavity: volume kept, \
+        and the speed of a coupled step.
+    disk-in-cavity | immersed.cavity_solids:DiskInCavity | A soft disk in a lid-driven cavity: path and area on \
+        several grids; where its nodes are drawn apart it leaks.
+    valve-2d | immersed.valve_2d:Valve2D | Two leaflets bent by a pulsating inflow, against the tips' \
+        displacements of other codes.
+    turek-fsi | immersed.turek:TurekFsi | A flag that swings behind a cylinder (Turek and Hron 2006): \
+        displacement of its tip, drag and lift.
+Solids alone (statics):
+    statics-compression | statics.compression:StaticCompression | Benchmark E.1 as incompressible statics: u_y of \
+        the top centre is -3.9212 cm.
+    statics-cook | statics.cook:StaticCook | Cook's membrane as incompressible statics, beside the published band.
+    statics-torsion | statics.torsion:StaticTorsion | Benchmark E.2 as incompressible statics: u_y of the top \
+        centre at five angles up to 2.5 pi.
+    thick-shells | statics.thick_shells:ThickShells | A thick cylinder and a thick sphere under inner pressure, \
+        against their closed forms.
+    hgo-strip | statics.hgo_strip:HgoStrip | A strip of the HGO material, flat and inflated as a ring, against \
+        the homogeneous solution (S1-S3).
+    bending | statics.bending:Bending | A strip of solid-shell elements bent, pulled and twisted, against \
+        incompressible elements.
+    land | statics.land:Land | Land et al. 2015, cardiac mechanics: beam, inflation, contraction.
+Studies and speed:
+    kernels | studies.kernels:Kernels | Every kernel at several ratios of mesh to grid, both couplings; goes on \
+        where it was interrupted.
+    speed | studies.speed:Speed | Time a step of the fluid against a pair of cosine transforms of the same grid.
+"""
+"""Group; below it name of the command, module and class, what it is."""
+FORMER = {"leakage": ("plug",)}
+"""Earlier names of commands."""
+
+
+def _entries() -> list[Entry]:
+    entries, group = [], ""
+    for line in TABLE.strip().splitlines():
+        if line.endswith(":"):
+            group = line[:-1]
+        else:
+            name, place, text = (" ".join(part.split()) for part in line.split("|"))
+            entries.append(Entry(name, group, place, text, FORMER.get(name, ())))
+    return entries
+
+
+ENTRIES = tuple(_entries())
 
 
 def markdown() -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.fft
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Job
@@ -132,3 +134,28 @@ def plane_of(grid: MacGrid, own: Array) -> tuple[Array, list[Array]]:
     whole[tuple(slice(s, s + n) for s, n in zip(grid.start[:2], own.shape, strict=True))] = own
     edges = [grid.lower[d] + np.concatenate([[0.0], np.cumsum(grid.cell_widths[d])]) for d in range(2)]
     return grid.comm.allreduce(whole), edges
+
+
+def time_of_pair(cells: Sequence[int]) -> float:
+    """Return the time of a cosine transform of a grid and back, on one thread [s].
+
+    In memory that the process keeps, as steps have it: with fresh pages a pair takes up to twice as long.
+    """
+    field = np.random.default_rng(0).standard_normal(cells)
+    started = time.perf_counter()
+    scipy.fft.idctn(scipy.fft.dctn(field, workers=1), workers=1)
+    return time.perf_counter() - started
+
+
+@dataclass
+class Sights:
+    """Steps at or after which something is kept for a picture, and what was kept."""
+
+    due: list[int]
+    kept: list[Any] = field(default_factory=list)
+
+    def take(self, step: int, look: Callable[[], Any]) -> None:
+        """Keep a look where one is due (collective)."""
+        if self.due and step >= self.due[0]:
+            self.due = [later for later in self.due if later > step]
+            self.kept.append(look())

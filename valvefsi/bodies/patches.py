@@ -20,6 +20,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse
 from mpi4py import MPI
 
 from valvefsi.bodies.rigid import RigidSurface
@@ -108,23 +109,31 @@ class LocalPatches:
     """The projection P for the points of this rank."""
 
     def __init__(self, patches: Patches, ids: Indices, comm: MPI.Comm) -> None:
-        self.comm, self.size, self.total = comm, len(patches.total), patches.total
-        self.here = np.flatnonzero(patches.labels[ids] >= 0)
-        held = ids[self.here]
-        self.labels, self.areas, self.turns = patches.labels[held], patches.areas[held], patches.turns[held]
+        self.comm, size = comm, len(patches.total)
+        labels, turns = patches.labels[ids], patches.turns[ids]
+        here = np.flatnonzero(labels >= 0)
+        self.alone = np.flatnonzero(labels < 0)
+        # Row 3 k + i of point k is component i of its turned vector, in row 3 c + i of its patch c.
+        points = scipy.sparse.bsr_array(
+            (turns[here], here, np.arange(len(here) + 1)), shape=(3 * len(here), 3 * len(ids))
+        )
+        ones = np.broadcast_to(np.eye(3), (len(here), 3, 3))
+        into = scipy.sparse.bsr_array(
+            (ones, labels[here], np.arange(len(here) + 1)), shape=(3 * len(here), 3 * size)
+        )
+        self.back = (points.T @ into).tocsr()
+        parts = np.repeat(patches.areas[ids][here] / patches.total[labels[here]], 3)
+        self.average = (
+            into.T @ (scipy.sparse.dia_array((parts[None], [0]), shape=(len(parts),) * 2) @ points)
+        ).tocsr()
 
     def mean(self, v: Array) -> Array:
         """Return P v, ``(n, 3)``; points by themselves keep theirs (collective)."""
-        if not len(self.total):
-            return v
-        turned = np.einsum("nij,nj->ni", self.turns, v[self.here])
-        turned *= self.areas[:, None]
-        sums = np.stack([np.bincount(self.labels, c, self.size) for c in turned.T], axis=1)
+        means = self.average @ v.ravel()
         if self.comm.size > 1:
-            self.comm.Allreduce(MPI.IN_PLACE, sums)
-        sums /= self.total[:, None]
-        out = v.copy()
-        out[self.here] = np.einsum("nij,ni->nj", self.turns, sums[self.labels])
+            self.comm.Allreduce(MPI.IN_PLACE, means)
+        out = (self.back @ means).reshape(-1, 3)
+        out[self.alone] = v[self.alone]
         return out
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -39,11 +40,12 @@ from valvefsi.run.forces import ForceOutput
 from valvefsi.run.planning import plan
 from valvefsi.run.recording import Output, Probe
 from valvefsi.run.schedule import AdaptiveSchedule, Schedule
-from valvefsi.run.simulation import Progress, Simulation
+from valvefsi.run.simulation import Simulation
 from valvefsi.run.statistics import Line
 from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.structure import Damping, Discretisation, Structure
+from valvefsi.types import Progress
 
 Changes = tuple[dict[str, object], ...]
 
@@ -94,7 +96,7 @@ def _body(fluid: NavierStokes, given: Solid, solid: Structure, rho: float) -> Bo
 
 
 def _schedule(case: Case) -> Schedule | AdaptiveSchedule:
-    limits = {"dt": case.dt, "t_end": case.time.t_end, "cfl_max": case.time.cfl_max}
+    limits: dict[str, Any] = {"dt": case.dt, "t_end": case.time.t_end, "cfl_max": case.time.cfl_max}
     if case.time.control == "fixed":
         return Schedule(**limits)
     return AdaptiveSchedule(**limits, cfl=case.time.cfl, max_recoveries=case.time.max_recoveries)
@@ -183,7 +185,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
             file=case.file,
             key=f"solid.{given.name}.mesh",
         )
-    check_against_mesh(case, number, tags=mesh.names, lower=lower, upper=upper)
+    check_against_mesh(case, number, tags=mesh.names, lower=lower.tolist(), upper=upper.tolist())
     key = f"solid.{given.name}"
     mesh = add_fibres(mesh, given.fibre, key, given.material)
     say_provenance(given.material, key, comm)
@@ -205,6 +207,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
 
 def _discretisation(solid: Solid) -> Discretisation:
     return Discretisation(
+        element=solid.element,
         degree=solid.degree,
         quadrature_degree=solid.quadrature_degree,
         kernel=solid.kernel,
@@ -234,12 +237,12 @@ def build_mesh(mesh: Mesh, case_file: Path | None, comm: MPI.Comm, h: float) -> 
         return valve_mesh(mesh.valve, h, comm)
     if mesh.file is not None:
         return meshes.read_mesh((case_file.parent if case_file else Path()) / mesh.file, comm)
-    options = {"lower": mesh.lower, "size": mesh.size, "elements": mesh.elements}
+    options: dict[str, Any] = {"lower": mesh.lower, "size": mesh.size, "elements": mesh.elements}
     if mesh.cell:
         options["cell"] = mesh.cell
     if mesh.load_width is not None:
         options["load_width"] = mesh.load_width
-    return getattr(shapes, mesh.shape)(comm, **options)
+    return getattr(shapes, str(mesh.shape))(comm, **options)
 
 
 def _sections(case: Case, grid: MacGrid) -> dict[str, Section]:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import ast
 import operator
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from valvefsi.errors import CaseError
 
 Array = np.ndarray
 
-OPERATORS: dict[type, Callable] = {
+OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
@@ -29,13 +30,13 @@ OPERATORS: dict[type, Callable] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
 }
-COMPARISONS: dict[type, Callable] = {
+COMPARISONS: dict[type, Callable[..., Any]] = {
     ast.Lt: operator.lt,
     ast.LtE: operator.le,
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
 }
-FUNCTIONS: dict[str, Callable] = {
+FUNCTIONS: dict[str, Callable[..., Any]] = {
     "sin": np.sin,
     "cos": np.cos,
     "tan": np.tan,
@@ -68,6 +69,7 @@ class Expression:
 
     text: str
     names: tuple[str, ...] = ()
+    _tree: ast.AST = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check every part of it."""
@@ -97,7 +99,11 @@ class Expression:
 def _check(node: ast.AST, known: Collection[str], depth: int = 0) -> None:
     if depth > DEEPEST:
         raise ValueError("nested too deeply")
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+    if (
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, int | float)
+        and not isinstance(node.value, bool)
+    ):
         if not abs(node.value) < LARGEST:
             raise ValueError("a number is not finite")
         return
@@ -122,19 +128,22 @@ def _check(node: ast.AST, known: Collection[str], depth: int = 0) -> None:
         _check(part, known, depth + 1)
 
 
-def _value(node: ast.AST, values: Mapping[str, Array | float]) -> Array | float:
-    if isinstance(node, ast.Constant):
-        return np.float64(node.value)  # not Python's: that one raises, or turns complex
-    if isinstance(node, ast.Name):
-        return values[node.id]
-    if isinstance(node, ast.BinOp):
-        return OPERATORS[type(node.op)](_value(node.left, values), _value(node.right, values))
-    if isinstance(node, ast.UnaryOp):
-        return OPERATORS[type(node.op)](_value(node.operand, values))
-    if isinstance(node, ast.Compare):
-        compare = COMPARISONS[type(node.ops[0])]
-        return compare(_value(node.left, values), _value(node.comparators[0], values))
-    return FUNCTIONS[node.func.id](*[_value(part, values) for part in node.args])
+def _value(node: ast.AST, values: Mapping[str, Array | float]) -> Any:
+    match node:
+        case ast.Constant():
+            return np.float64(cast(float, node.value))  # not Python's: that one raises, or turns complex
+        case ast.Name():
+            return values[node.id]
+        case ast.BinOp():
+            return OPERATORS[type(node.op)](_value(node.left, values), _value(node.right, values))
+        case ast.UnaryOp():
+            return OPERATORS[type(node.op)](_value(node.operand, values))
+        case ast.Compare():
+            compare = COMPARISONS[type(node.ops[0])]
+            return compare(_value(node.left, values), _value(node.comparators[0], values))
+        case ast.Call(func=ast.Name(id=name)):
+            return FUNCTIONS[name](*[_value(part, values) for part in node.args])
+    raise TypeError(f"{type(node).__name__} was not checked")
 
 
 @dataclass(frozen=True)
@@ -180,6 +189,6 @@ def read_table(path: Path) -> TimeTable:
         raise CaseError("expected at least two rows", file=path)
     table = np.array(rows)
     if not np.all(np.diff(table[:, 0]) > 0.0):
-        row = int(np.argmax(np.diff(table[:, 0]) <= 0.0)) + 3
-        raise CaseError(f"row {row}: times must increase", file=path, key="t_s", value=table[row - 2, 0])
+        at = int(np.argmax(np.diff(table[:, 0]) <= 0.0)) + 1
+        raise CaseError(f"row {at + 2}: times must increase", file=path, key="t_s", value=table[at, 0])
     return TimeTable(table[:, 0], {name: table[:, k] for k, name in enumerate(names) if k > 0})

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from valvefsi.case.material_tables import Fibre, Material
 from valvefsi.case.materials import RELATIVE, directions_of, material_kind
-from valvefsi.case.models import Fibre, Material
 from valvefsi.errors import CaseError
 from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.solid.materials import fibres

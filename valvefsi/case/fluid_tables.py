@@ -124,7 +124,7 @@ class Grid(Table):
             if not all(x <= y for x, y in zip(a, b, strict=True)):
                 raise problem("expected lower <= core_lower < core_upper <= upper", key, list(b))
         longest = max(b - a for a, b in zip(self.lower, self.upper, strict=True))
-        if longest > MOST * self.h:
+        if longest > MOST * self.spacing:
             raise problem(f"expected at most {MOST} cells along an axis of {longest:g} cm", "h", self.h)
         if any(abs(length / self.spacing - round(length / self.spacing)) > 1e-6 for length in self._whole):
             near = (
@@ -154,7 +154,7 @@ class Grid(Table):
     @cached_property
     def _nearest(self) -> float | None:
         """Spacing nearest to h that fits these axes [cm]."""
-        return nearest_spacing(self._whole, self.h) if self._whole else None
+        return nearest_spacing(self._whole, self.h) if self._whole and self.h is not None else None
 
     @property
     def graded(self) -> bool:

@@ -6,6 +6,7 @@ import difflib
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from valvefsi.errors import CaseError
 
@@ -39,7 +40,7 @@ def read_toml(path: Path) -> dict[str, object]:
         raise CaseError(f"not TOML: {error}", file=path) from None
 
 
-def resolve_includes(raw: object, file: Path | None, key: str = "", depth: int = 0) -> object:
+def resolve_includes(raw: Any, file: Path | None, key: str = "", depth: int = 0) -> Any:
     """Put the contents of included files in their places, keys beside ``include`` over them.
 
     Args:
@@ -72,7 +73,7 @@ def resolve_includes(raw: object, file: Path | None, key: str = "", depth: int =
     return {**_placed(found, path.parent), **own}
 
 
-def _placed(raw: object, folder: Path) -> object:
+def _placed(raw: Any, folder: Path) -> Any:
     """Return an included table, the paths of its files as seen from outside."""
     if isinstance(raw, list):
         return [_placed(item, folder) for item in raw]

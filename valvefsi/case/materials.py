@@ -15,6 +15,9 @@ from valvefsi.case.quantities import Quantity
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from valvefsi.case.material_tables import Material
     from valvefsi.solid.materials.parameters import Direction
 
 ANGLE = re.compile(r"\s*[+-]?[\d.]+([eE][+-]?\d+)?\s*(deg|degree|degrees|rad|radian|radians)\s*")
@@ -60,7 +63,7 @@ def parameter_unit(model: str, key: str, value: object) -> str | None:
     return "deg" if angle else _unit(known[key])
 
 
-def _unit(field: Field) -> str | None:
+def _unit(field: Field[Any]) -> str | None:
     return None if "kind" in field.metadata else field.metadata.get("unit", "dyn/cm^2")
 
 
@@ -87,14 +90,14 @@ def read_material(data: Mapping[str, object]) -> dict[str, object]:
     kind = material_kind(model)
     parameters = _read_fields(kind, {k: v for k, v in given.items() if k not in RESERVED}, str(model), "")
     try:
-        make_material(model, parameters)
+        make_material(str(model), parameters)
     except CaseError as error:
         key = error.key or "model"
         raise _problem(error.reason, key, data.get(key)) from None
     return {"model": model, "preset": preset, **parameters}
 
 
-def make_material(model: str, parameters: Mapping[str, object]) -> object:
+def make_material(model: str, parameters: Mapping[str, Any]) -> Any:
     """Make the material of parameters that `read_material` gave.
 
     Raises:
@@ -108,7 +111,7 @@ def make_material(model: str, parameters: Mapping[str, object]) -> object:
     return kind(**values)
 
 
-def say_provenance(material: object, key: str, comm: object) -> None:
+def say_provenance(material: Material, key: str, comm: MPI.Comm) -> None:
     """Warn on rank 0 of a preset that nobody has checked.
 
     Args:
@@ -118,7 +121,7 @@ def say_provenance(material: object, key: str, comm: object) -> None:
     """
     from valvefsi.solid.materials.presets import PRESETS
 
-    preset = PRESETS.get(material.preset)
+    preset = PRESETS.get(material.preset or "")
     if preset is not None and not preset.verified and comm.rank == 0:
         text = f'{key}.material: the preset "{material.preset}" is {preset.provenance}'
         warnings.warn(text, stacklevel=2)
@@ -138,11 +141,12 @@ def _read_fields(kind: type, data: Mapping[str, object], name: str, path: str) -
             unit = _unit(field)
             what = f", a quantity in {unit}" if unit else ""
             raise _problem(f"this parameter of {name} is required{what}", path + key)
-        found[key] = field.default if field.default is not MISSING else field.default_factory()
+        made = field.default_factory
+        found[key] = made() if made is not MISSING else field.default
     return found
 
 
-def _read_value(field: Field, value: object, name: str, path: str) -> object:
+def _read_value(field: Field[Any], value: object, name: str, path: str) -> object:
     """Return one parameter in CGS."""
     kind = field.metadata.get("kind", "number")
     if kind == "table":
@@ -152,7 +156,7 @@ def _read_value(field: Field, value: object, name: str, path: str) -> object:
     if field.type in ("str", str):
         return value
     try:
-        return Quantity(_unit(field)).parse(value)
+        return Quantity(_unit(field) or "1").parse(value)
     except PydanticCustomError as error:
         raise _problem(error.message(), path, value) from None
 
@@ -237,6 +241,6 @@ def _schema_of(kind: type) -> tuple[dict[str, object], list[str]]:
             text = f"{about}: name of a fibre field, angle to the x axis [deg], angle from circumferential, or vector"
             properties[field.name] = {"type": ["string", "number", "array"], "description": text}
         else:
-            text = f"{about} [{_unit(field)}]" if about else _unit(field)
+            text = f"{about} [{_unit(field)}]" if about else str(_unit(field))
             properties[field.name] = {"type": ["number", "string"], "description": text}
     return properties, [f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, get_args
 
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 from pydantic_core import PydanticCustomError
@@ -87,7 +87,7 @@ class TimeStepping(Table):
 
     def step(self, h: float) -> float:
         """Return the time step on a grid of spacing h [s]."""
-        return self.dt if self.dt is not None else self.dt_per_h * h
+        return self.dt if self.dt is not None else (self.dt_per_h or 0.0) * h
 
 
 class Mesh(Table):
@@ -144,7 +144,7 @@ class Mesh(Table):
     @property
     def shape_dim(self) -> int:
         """Dimension of the shape."""
-        return SHAPES[self.shape][0]
+        return SHAPES[str(self.shape)][0]
 
 
 class Tether(Table):
@@ -219,6 +219,10 @@ class Solid(Table):
     """A hyperelastic solid immersed in the fluid."""
 
     name: Name = Field(description="Name, used for files, in --set and in messages")
+    element: Literal["lagrange", "solid_shell"] = Field(
+        "lagrange",
+        description='"lagrange", or "solid_shell" for leaflets and other thin incompressible bodies of hexahedra',
+    )
     degree: Literal[1, 2] = Field(1, description="Polynomial degree of the elements, 1 or 2")
     quadrature_degree: int | None = Field(
         None,
@@ -227,7 +231,7 @@ class Solid(Table):
         description="Degree the quadrature is exact for; 2 degree + 1 when left out",
         examples=[3],
     )
-    kernel: Kernel = Field("bspline3", description="Kernel of the coupling: " + ", ".join(Kernel.__args__))
+    kernel: Kernel = Field("bspline3", description="Kernel of the coupling: " + ", ".join(get_args(Kernel)))
     coupling: Literal["nodal", "elemental"] = Field(
         "nodal",
         description='Coupling at the "nodal" points, or "elemental": at quadrature points that follow the elements',
@@ -314,7 +318,7 @@ class Output(Table):
     stress: tuple[SolidQuantity, ...] = Field(
         (),
         description="Stresses and strains of the solids in ParaView files beside the frames: "
-        + ", ".join(SolidQuantity.__args__),
+        + ", ".join(get_args(SolidQuantity)),
     )
     fluid_every: int = Field(
         1, ge=1, description="Cells along each axis of which the frames of the fluid hold one"

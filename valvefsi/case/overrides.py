@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from valvefsi.errors import CaseError
 
@@ -66,13 +67,14 @@ def apply_overrides(
 
 
 def _set(raw: dict[str, object], path: list[str], value: object) -> str:
-    place: object = raw
+    place: Any = raw
     found: list[str] = []
-    for depth, part in enumerate(path):
+    for depth, name in enumerate(path):
         shown = ".".join(path[: depth + 1])
         last = depth == len(path) - 1
+        part: str | int = name
         if isinstance(place, list):
-            part = _item(place, part, shown)
+            part = _item(place, name, shown)
         elif not isinstance(place, dict):
             raise CaseError(
                 f"{'.'.join(path[:depth])} is a value, it has no keys", file="--set", key=".".join(path)
@@ -88,7 +90,7 @@ def _set(raw: dict[str, object], path: list[str], value: object) -> str:
     return ".".join(found)
 
 
-def _item(items: list, part: str, shown: str) -> int:
+def _item(items: list[object], part: str, shown: str) -> int:
     """Return the number of the item that is called ``part`` or has that number."""
     names = [item.get("name") if isinstance(item, dict) else None for item in items]
     if part in names:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -80,23 +81,23 @@ def parse_case(
         CaseError: Something is wrong with it.
     """
     try:
-        raw = resolve_includes(deepcopy(dict(raw)), file)
+        tables: dict[str, object] = resolve_includes(deepcopy(dict(raw)), file)
     except RecursionError:
         raise CaseError("tables are nested too deeply", file=file) from None
-    changed = apply_overrides(raw, overrides, aliases)
-    _find_files(raw, file, changed)
-    load_own_materials(raw, file, trust)
+    changed = apply_overrides(tables, overrides, aliases)
+    _find_files(tables, file, changed)
+    load_own_materials(tables, file, trust)
     try:
-        case = Case.model_validate(raw)
+        case = Case.model_validate(tables)
     except ValidationError as error:
-        raise _one_line(error, raw, file, changed) from None
+        raise _one_line(error, tables, file, changed) from None
     case._file = file
     try:
         check_case(case)
     except CaseError as error:
         loc = [int(part) if part.isdigit() else part for part in str(error.key).split(".")]
         source = _source(str(error.key), file, changed)
-        raise CaseError(error.reason, file=source, key=_shown(loc, raw), value=error.value) from None
+        raise CaseError(error.reason, file=source, key=_shown(loc, tables), value=error.value) from None
     return case
 
 
@@ -142,7 +143,7 @@ def _find_file(
     entry: str = "file",
 ) -> None:
     """Make the path under ``entry`` of one table absolute; refuse one that does not exist."""
-    table: object = raw
+    table: Any = raw
     for part in place:
         table = table.get(part) if isinstance(table, dict) else table[part]
     if not isinstance(table, dict) or not isinstance(table.get(entry), str):
@@ -211,7 +212,7 @@ def _source(key: str, file: Path | None, changed: Sequence[str]) -> object:
 
 def _shown(loc: Sequence[object], raw: Mapping[str, object]) -> str:
     """Return a path of keys with the names of list items where they have one."""
-    place: object = raw
+    place: Any = raw
     parts = []
     for part in loc:
         try:

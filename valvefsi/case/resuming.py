@@ -90,7 +90,7 @@ def provenance_of(case: Case, changes: tuple[dict[str, object], ...] = ()) -> di
 
 def _changes(meta: Mapping[str, Any], case: Case, allow: bool) -> tuple[dict[str, object], ...]:
     recorded = meta.get("provenance", {})
-    old, new = recorded.get("case", {}), provenance_of(case)["case"]
+    old, new = recorded.get("case", {}), _flat(to_dict(case), "")
     found = {key: (old.get(key), new.get(key)) for key in {**old, **new} if old.get(key) != new.get(key)}
     held_back = [key for key in found if not FREE.fullmatch(key)]
     fixed = [key for key in held_back if FIXED.fullmatch(key)]
@@ -110,7 +110,7 @@ def _changes(meta: Mapping[str, Any], case: Case, allow: bool) -> tuple[dict[str
 def _flat(value: object, path: str) -> dict[str, object]:
     """Return values by their paths, items of lists by name where they have one."""
     if isinstance(value, dict):
-        items = value.items()
+        items = list(value.items())
     elif isinstance(value, list):
         named = [item.get("name") if isinstance(item, dict) else None for item in value]
         items = [(name or str(k), item) for k, (name, item) in enumerate(zip(named, value, strict=True))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -35,7 +36,7 @@ def build_grid(case: Case, comm: MPI.Comm) -> MacGrid:
     periodic = [case.fluid.sides.periodic(axis) for axis in range(grid.dim)]
     try:
         if grid.graded:
-            return MacGrid.graded(grid.edges, periodic, comm)
+            return MacGrid.graded([edges.tolist() for edges in grid.edges], periodic, comm)
         counts = [len(edges) - 1 for edges in grid.edges]
         return MacGrid(grid.lower, grid.upper, counts, periodic, comm)
     except ValueError as error:
@@ -51,7 +52,7 @@ def build_fluid(case: Case, grid: MacGrid) -> NavierStokes:
         CaseError: The viscous scheme is not stable with the step, or a side cannot be as it is told.
     """
     fluid = case.fluid
-    physics = {"rho": fluid.density, "mu": fluid.viscosity, "advection": fluid.advection}
+    physics: dict[str, Any] = {"rho": fluid.density, "mu": fluid.viscosity, "advection": fluid.advection}
     sides = build_boundary(case, grid)
     limit = ExplicitViscosity.limit(grid, rho=fluid.density, mu=fluid.viscosity)
     if fluid.viscous == "explicit" and case.dt > limit:
@@ -140,14 +141,14 @@ def _side(side: Side, case: Case, dim: int, key: str) -> boundary.Side:
             _function(text, table, case, f"{key}.velocity_expression") for text in side.velocity_expression
         ]
         return boundary.Wall(velocity=lambda x, y, z, t: [part(x, y, z, t) for part in parts])
-    pressure = side.pressure
+    pressure: Any = side.pressure
     if side.pressure_expression:
         pressure = _function(side.pressure_expression, table, case, f"{key}.pressure_expression")
     opened = boundary.Open(pressure=pressure, backflow=side.backflow, mean_pressure=side.mean_pressure)
     if side.type == "open":
         return opened
-    centre = (*side.centre, 0.0)[:3]
-    return boundary.Mixed(open=opened, where=boundary.Disk(centre=centre, radius=side.radius))
+    x, y, z, *_ = (*side.centre, 0.0, 0.0)
+    return boundary.Mixed(open=opened, where=boundary.Disk(centre=(x, y, z), radius=side.radius or 0.0))
 
 
 def _path(name: str, file: Path | None) -> Path:
@@ -164,11 +165,12 @@ def _function(
         raise CaseError(str(error), file=case.file, key=key, value=text) from None
 
     def function(x: Array, y: Array, z: Array, t: float) -> Array | float:
-        values = {"x": x, "y": y, "z": z, "t": t}
-        return expression(values | (table.at(t) if table else {}))
+        values: dict[str, Array | float] = {"x": x, "y": y, "z": z, "t": t}
+        return expression({**values, **(table.at(t) if table else {})})
 
     with np.errstate(all="ignore"):
-        value = function(*([np.array(0.5 * sum(b)) for b in case.grid.bounds] + [np.array(0.0)])[:3], 0.0)
+        x, y, z, *_ = [np.array(0.5 * sum(b)) for b in case.grid.bounds] + [np.array(0.0)]
+        value = function(x, y, z, 0.0)
     if not np.all(np.isfinite(value)):
         raise CaseError(
             "the value in the middle of the box at t = 0 is not finite", file=case.file, key=key, value=text

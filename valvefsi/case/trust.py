@@ -31,7 +31,7 @@ def load_own_materials(raw: Mapping[str, object], file: Path | None, trust: bool
     for number, solid in enumerate(solids if isinstance(solids, list) else ()):
         material = solid.get("material") if isinstance(solid, dict) else None
         model = material.get("model") if isinstance(material, dict) else None
-        if not isinstance(model, str) or ":" not in model:
+        if not isinstance(material, dict) or not isinstance(model, str) or ":" not in model:
             continue
         name, _, kind = model.rpartition(":")
         key = f"solid.{solid.get('name', number)}.material.model"

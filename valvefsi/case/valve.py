@@ -51,10 +51,29 @@ def moved(mesh: ValveMesh, z: float) -> ValveMesh:
 
 def find_orifice(case: Case) -> Orifice | None:
     """Return the orifice of a case with a valve in a housing, None without one."""
-    if case.housing is None or case.housing.stent is None:
-        return None
-    number = next(k for k, solid in enumerate(case.solid) if solid.name == case.housing.stent)
-    return Orifice(body=number, radius=0.5 * case.solid[number].mesh.valve.diameter)
+    found = stented(case)
+    return None if found is None else Orifice(body=found[0], radius=0.5 * found[1].diameter)
+
+
+def stented(case: Case) -> tuple[int, ValveShape] | None:
+    """Return number of the solid and shape of the valve in a case's housing, None without one."""
+    stent = case.housing.stent if case.housing is not None else None
+    for number, solid in enumerate(case.solid):
+        if solid.name == stent and solid.mesh.valve is not None:
+            return number, solid.mesh.valve
+    return None
+
+
+def valve_of(case: Case) -> tuple[str, ValveShape]:
+    """Return name and shape of the valve in a case's housing.
+
+    Raises:
+        CaseError: There is none.
+    """
+    found = stented(case)
+    if found is None:
+        raise CaseError("there is no valve in a housing", file=case.file, key="housing.stent")
+    return case.solid[found[0]].name, found[1]
 
 
 def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
@@ -91,6 +110,7 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
             message, file=case.file, key="housing", value=f"radius {housing.section().widest:.4g} cm"
         )
     raise_together(grid.comm, problem)
+    assert rigid is not None  # or all ranks have raised
     return (rigid,)
 
 
@@ -100,11 +120,13 @@ def _patched_section(case: Case) -> tuple[PointSurface, Indices]:
     The points lie outside the surfaces by the kernel's offset, so that the fluid is at rest on them.
     """
     h, (low, high) = case.grid.spacing, case.grid.bounds[2]
-    section, stent = case.housing.section(), case.housing.stent
+    housing = case.housing
+    assert housing is not None  # `build_rigid` has looked
+    section = housing.section()
     ends = (low + 0.5 * h, high - 0.5 * h)
     surfaces, seam = [section.housing(h, ends)], None
-    if stent is not None:
-        shape = next(solid.mesh.valve for solid in case.solid if solid.name == stent)
+    if housing.stent is not None:
+        _, shape = valve_of(case)
         surfaces.append(section.stent(h, shape.geometry(), shape.base))
         seam = attachment_line(shape.geometry(), shape.base, LINE)
     labels = patch_labels(surfaces, h, ends, seam)

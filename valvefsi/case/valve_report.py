@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from valvefsi.case.circuit_tables import CircuitTable, Pump
 from valvefsi.case.circulation import connected
 from valvefsi.case.models import Case
+from valvefsi.case.valve import valve_of
 from valvefsi.case.valve_views import draw_leaflets
 from valvefsi.io.history import read_history
 from valvefsi.post.valve_numbers import CycleNumbers, cycle_change, valve_numbers
@@ -128,9 +130,12 @@ def _record(case: Case, history: History) -> ValveRecord:
     """Pressures, flow and area; cycles start where the case says, or in the first closed phase."""
     drive = _circuit(case, 0)
     pump = drive.pump if drive is not None else Pump()
+    waves: dict[str, Any] = {
+        name: history[column] * unit for name, (column, unit) in (_waves(case) or {}).items()
+    }
     record = ValveRecord(
         t=history["t_s"],
-        **{name: history[column] * unit for name, (column, unit) in _waves(case).items()},
+        **waves,
         pdva=history["pdva_cm2"],
         period=pump.period or case.time.t_end,
     )
@@ -139,15 +144,14 @@ def _record(case: Case, history: History) -> ValveRecord:
 
 
 def _test(case: Case) -> ValveTest:
-    diameter = next(s.mesh.valve.diameter for s in case.solid if s.name == case.housing.stent)
-    return ValveTest(rho=case.fluid.density, mu=case.fluid.viscosity, diameter=diameter)
+    return ValveTest(rho=case.fluid.density, mu=case.fluid.viscosity, diameter=valve_of(case)[1].diameter)
 
 
 def _sane(
-    case: Case, history: History, cycle: dict[str, object], change: dict[str, float | None]
+    case: Case, history: History, cycle: dict[str, Any], change: dict[str, float | None]
 ) -> dict[str, object]:
     """Compare the last cycle with what is sane; None where there is no number."""
-    forward, name = cycle["forward_volume"], case.housing.stent
+    forward, name = cycle["forward_volume"], valve_of(case)[0]
     orifice = math.pi * (0.5 * _test(case).diameter) ** 2
     swelling = history[f"{name}_volume_change_percent"]
 
@@ -155,15 +159,16 @@ def _sane(
         return None if value is None or not whole else 100.0 * value / whole
 
     difference = cycle["mean_pressure_difference"]
-    values = {
+    values: dict[str, float | None] = {
         "mean difference": None if difference is None else difference / MMHG,
         "closing volume": part(cycle["closing_volume"], forward),
         "leakage volume": part(cycle["leakage_volume"], forward),
         "largest open area": part(float(history["pdva_cm2"].max()), orifice),
         "volume change of the leaflets": float(swelling[np.argmax(np.abs(swelling))]),
     }
-    if None not in change.values():
-        values["change between cycles"] = 100.0 * max(change.values())
+    changes = [value for value in change.values() if value is not None]
+    if len(changes) == len(change):
+        values["change between cycles"] = 100.0 * max(changes)
     outlet = _circuit(case, 1)
     if outlet is not None and outlet.target_pressure is not None:
         values["mean aortic pressure"] = part(cycle["mean_aortic_pressure"], outlet.target_pressure)
@@ -182,7 +187,13 @@ def _sane(
 def _draw(case: Case, out: Path, record: ValveRecord, cycle: CycleNumbers) -> Path:
     from valvefsi.post.plots.valve_waveform import valve_waveforms
 
-    waves = {"t": record.t, "p_lv": record.p_lv, "p_ao": record.p_ao, "q": record.q, "pdva": record.pdva}
-    if cycle.forward_start is not None:
+    waves: dict[str, Any] = {
+        "t": record.t,
+        "p_lv": record.p_lv,
+        "p_ao": record.p_ao,
+        "q": record.q,
+        "pdva": record.pdva,
+    }
+    if cycle.forward_start is not None and cycle.forward_end is not None:
         waves["forward"] = np.array([[cycle.start + cycle.forward_start, cycle.start + cycle.forward_end]])
     return valve_waveforms(Path(out) / "valve.png", waves, title=case.title)

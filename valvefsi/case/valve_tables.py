@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -19,7 +19,7 @@ LENGTHS = ("height", "commissure", "thickness", "belly_thickness", "gap", "nose"
 """Lengths of the leaflets that a case may set in place of the type's own."""
 
 
-def _own(description: str, example: str) -> object:
+def _own(description: str, example: str) -> Any:
     return Field(None, gt=0, description=f"{description}; the type's own when left out", examples=[example])
 
 
@@ -46,7 +46,7 @@ class ValveShape(Table):
         try:
             self.geometry()
         except CaseError as error:
-            raise problem(error.reason, error.key.split(",")[0], error.value) from None
+            raise problem(error.reason, str(error.key).split(",")[0], error.value) from None
         return self
 
     def geometry(self) -> ValveGeometry:

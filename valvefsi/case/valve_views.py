@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from valvefsi.case.models import Case
-from valvefsi.case.valve import moved
+from valvefsi.case.valve import moved, valve_of
 from valvefsi.errors import CaseError
 from valvefsi.geometry.valve import ValveMesh, mesh_valve
 from valvefsi.grid import Array
@@ -17,6 +18,7 @@ from valvefsi.io.grid_files import times_of
 from valvefsi.io.solid_body import Body, read_body
 from valvefsi.post.diagnostics.projected_area import end_view, projected_area
 from valvefsi.post.diagnostics.surfaces import surface_triangles
+from valvefsi.types import Indices
 
 AXIS, CENTRE = np.array([0.0, 0.0, 1.0]), np.zeros(3)
 MOMENTS = 8
@@ -42,10 +44,10 @@ class Leaflets:
 
     t: Array
     points: Array
-    triangles: Array
-    owner: Array
-    ends: Array
-    leaflet: Array
+    triangles: Indices
+    owner: Indices
+    ends: Indices
+    leaflet: Indices
     area: Array
 
     def edges(self, k: int) -> Array:
@@ -80,21 +82,23 @@ def draw_leaflets(
     from valvefsi.post.plots.free_edge import free_edges
     from valvefsi.post.plots.valve_waveform import valve_end_views
 
-    if not (Path(folder) / "paraview" / f"{case.housing.stent}.pvd").is_file():
+    name, shape = valve_of(case)
+    if not (Path(folder) / "paraview" / f"{name}.pvd").is_file():
         return []
     run = read_leaflets(case, folder, window)
     if len(run.t) < 2:
         return []
-    radius = 0.5 * _shape(case).diameter
+    radius = 0.5 * shape.diameter
     views = [
         {"xyz": np.concatenate([run.points[k], run.edges(k).reshape(-1, 3)]), "t": run.t[k]}
         | {"triangles": run.triangles, "owner": run.owner, "open_area": run.area[k]}
         | {"free_edges": len(run.points[k]) + np.arange(2 * len(run.ends)).reshape(-1, 2)}
         for k in moments(run.t, run.area)
     ]
-    edges = {"t": run.t, "middles": run.middles(), "top": int(np.argmax(run.area))}
+    edges: dict[str, Any] = {"t": run.t, "middles": run.middles(), "top": int(np.argmax(run.area))}
     edges["pieces"] = np.stack([run.edges(k)[..., :2] for k in range(len(run.t))])
-    told, out = {"radius": radius, "title": case.title}, Path(out)
+    out = Path(out)
+    told: dict[str, Any] = {"radius": radius, "title": case.title}
     seen = "leaflets from downstream; what is dark is open"
     return [
         valve_end_views(out / "leaflets.png", views, caption=seen, **told),
@@ -102,7 +106,7 @@ def draw_leaflets(
     ]
 
 
-def moments(t: Array, area: Array, count: int = MOMENTS) -> Array:
+def moments(t: Array, area: Array, count: int = MOMENTS) -> Indices:
     """Choose frames evenly along the change of the open area, and a little along time."""
     if len(t) <= count:
         return np.arange(len(t))
@@ -123,21 +127,21 @@ def read_leaflets(case: Case, folder: Path, window: tuple[float, float] | None =
     Raises:
         CaseError: The frames are not of the case's valve.
     """
-    series = Path(folder) / "paraview" / f"{case.housing.stent}.pvd"
+    name, shape = valve_of(case)
+    series = Path(folder) / "paraview" / f"{name}.pvd"
     low, high = window or (-np.inf, np.inf)
     found = [(t, path) for t, path in times_of(series) if low - 1e-9 <= t <= high + 1e-9]
     bodies = [read_body(path) for _, path in found]
     if not bodies:
-        none = np.zeros((0, 3))
-        return Leaflets(t=none, points=none, triangles=none, owner=none, ends=none, leaflet=none, area=none)
-    shape = _shape(case)
+        none, no = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+        return Leaflets(t=none, points=none, triangles=no, owner=no, ends=no, leaflet=no, area=none)
     made = moved(
         mesh_valve(shape.geometry(), size=shape.ratio * case.grid.spacing, layers=shape.layers), shape.base
     )
     node = _nodes(made, bodies[0], series)
     triangles = np.concatenate([surface_triangles(kind, cells) for kind, cells in bodies[0].cells.items()])
     of_node = cKDTree(made.points).query(bodies[0].reference)[1] * 3 // len(made.points)
-    edge = {"radius": 0.5 * shape.diameter, "axis": AXIS, "centre": CENTRE, "rows": 128}
+    edge: dict[str, Any] = {"radius": 0.5 * shape.diameter, "axis": AXIS, "centre": CENTRE, "rows": 128}
     free = made.facets["free"]
     return Leaflets(
         t=np.array([t for t, _ in found]),
@@ -150,11 +154,7 @@ def read_leaflets(case: Case, folder: Path, window: tuple[float, float] | None =
     )
 
 
-def _shape(case: Case) -> object:
-    return next(solid.mesh.valve for solid in case.solid if solid.name == case.housing.stent)
-
-
-def _nodes(made: ValveMesh, body: Body, series: Path) -> Array:
+def _nodes(made: ValveMesh, body: Body, series: Path) -> Indices:
     """Return the node of a frame at each node of a valve's mesh."""
     reference = body.reference if body.reference is not None else body.points
     distance, node = cKDTree(reference).query(made.points)

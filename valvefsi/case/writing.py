@@ -8,7 +8,10 @@ from typing import Any, get_args
 from pydantic.fields import FieldInfo
 
 from valvefsi.case.circuit_tables import CircuitTable
-from valvefsi.case.models import SIDES, Case, Material, Table
+from valvefsi.case.fluid_tables import SIDES
+from valvefsi.case.material_tables import Material
+from valvefsi.case.models import Case
+from valvefsi.case.table import Table
 
 EXAMPLE: dict[str, Any] = {
     "title": "compressed block in a box of fluid",
@@ -118,7 +121,7 @@ def _commented(line: str) -> str:
 
 def _section(table: Table, path: tuple[str, ...], heading: str, comments: bool) -> list[str]:
     """Return the lines of a table with its heading."""
-    about = [f"# {type(table).__doc__.splitlines()[0]}"] if comments else []
+    about = [f"# {(type(table).__doc__ or '').splitlines()[0]}"] if comments else []
     return ["", *about, heading.format(".".join(path)), *_table(table, path, comments=comments)]
 
 
@@ -133,7 +136,7 @@ def _line(table: Table, key: str, field: FieldInfo, value: object) -> str:
 def _comment(table: Table, key: str, field: FieldInfo) -> str:
     unit = table.unit(key)
     default = "required" if field.is_required() else f"default {_text(field.default, unit)}"
-    unit = f" [{unit}]" if unit and "[" not in field.description else ""
+    unit = f" [{unit}]" if unit and "[" not in str(field.description) else ""
     return (
         f"# {field.description}{unit}; {default}"
         if field.default is not None

@@ -15,7 +15,7 @@ import traceback
 import warnings
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -34,7 +34,7 @@ INTERRUPTED = 130
 RANK_VARIABLES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK", "MPI_RANKID")
 
 # typer uses click, or brings its own copy of it, depending on the release.
-USAGE_ERROR = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+USAGE_ERROR: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 
 app = typer.Typer(
     help="Heart-valve mechanics from bench data to a verified simulation.",
@@ -114,7 +114,7 @@ def _launched_rank() -> int:
 def _leave_together(message: str, code: int) -> None:
     """Say why on rank 0 when all ranks leave for the same reason; when one leaves alone, end the others."""
     mpi = sys.modules.get("mpi4py.MPI")
-    comm = mpi.COMM_WORLD if mpi is not None else None
+    comm: Any = mpi.COMM_WORLD if mpi is not None else None
     alone = False
     if comm is not None and comm.size > 1:
         request, end = comm.Ibarrier(), time.monotonic() + PATIENCE

@@ -99,9 +99,9 @@ def command_of(benchmark: type[Command]) -> Callable[..., None]:
     for name, (item, chosen) in options_of(benchmark).items():
         flag = flag_of(name, chosen)
         kinds[name] = kind = kind_of(hints[name], item.default, chosen, flag)
-        limits = (
-            {"min": chosen.least, "max": chosen.most} if kind.annotation in (int, float, int | None) else {}
-        )
+        limits: dict[str, Any] = {}
+        if kind.annotation in (int, float, int | None):
+            limits = {"min": chosen.least, "max": chosen.most}
         info = typer.Option(flag, help=chosen.help, metavar=chosen.metavar, **limits)
         arguments.append(_argument(name, Annotated[kind.annotation, info], kind.default))
     if benchmark.resumable:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -48,7 +48,8 @@ def valve(
             "expected a name that ends in .msh, in a folder that exists", key="--out", value=str(out)
         )
     geometry = TYPES[kind](diameter=_length("--diameter", diameter))
-    geometry = replace(geometry, **_lengths(overrides or []))
+    lengths: dict[str, Any] = _lengths(overrides or [])
+    geometry = replace(geometry, **lengths)
     made = mesh_valve(geometry, size=ratio * _length("--h", h), layers=layers, cell=cell)
     write_valve(out, made)
     numbers = quality(geometry, made)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from valvefsi.errors import CaseError
+
+if TYPE_CHECKING:
+    from valvefsi.post.plots.slice import Plane
 
 Cut = Annotated[
     str | None,
@@ -15,7 +18,7 @@ Cut = Annotated[
 ]
 
 
-def read_plane(text: str | None) -> object:
+def read_plane(text: str | None) -> Plane | None:
     """Read ``axis=position`` as a plane, None as None."""
     from pydantic_core import PydanticCustomError
 

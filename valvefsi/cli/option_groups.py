@@ -37,7 +37,7 @@ def options_of(kind: type[T]) -> Callable[[Callable[[T], Any]], Callable[..., An
             for item in fields(kind)
         ]
         command.__name__, command.__doc__ = function.__name__, function.__doc__
-        command.__signature__ = inspect.Signature(given)
+        vars(command)["__signature__"] = inspect.Signature(given)
         command.__annotations__ = {item.name: hints[item.name] for item in fields(kind)}
         return command
 

@@ -11,6 +11,8 @@ from valvefsi.cli.tables import number
 if TYPE_CHECKING:
     from mpi4py import MPI
     from rich.console import Console
+    from rich.progress import Progress as Bars
+    from rich.progress import TaskID
 
 PLAIN_INTERVAL, LIVE_INTERVAL = 5.0, 0.1
 SHOWN = 3
@@ -32,7 +34,10 @@ class Progress:
         self, comm: MPI.Comm, title: str, console: Console | None = None, period: float | None = None
     ) -> None:
         self.comm, self.title, self.console, self.period = comm, title, console, period
-        self.live = self.task = self.first = self.last = None
+        self.live: Bars | None = None
+        self.task: TaskID | None = None
+        self.first: tuple[float, float] | None = None
+        self.last: tuple[float, int] | None = None
         self.due = self.dt = 0.0
 
     def __enter__(self) -> Progress:
@@ -74,9 +79,9 @@ class Progress:
             numbers += f", beat {beat + 1:.0f} at {100 * phase:.0f} %"
             numbers += f", dt {self.dt:.3g} s"
         more = "".join(f", {name} {number(value)}" for name, value in _newest(info or {}))
-        if self.live is not None:
+        if self.live is not None and self.task is not None:
             self.live.update(self.task, completed=share, text=f"{numbers}{more}", left=format_time(left))
-        elif left is not None or share >= 1:
+        elif self.console is not None and (left is not None or share >= 1):
             end = f"{format_time(left)} left" if share < 1 else f"done in {format_time(wall)}"
             self.console.print(
                 f"{100 * share:5.1f} %  {numbers}{more}, {end}", highlight=False, soft_wrap=True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -34,12 +34,15 @@ def run(
     comm = MPI.COMM_WORLD
     folder = out if out is not None else Path("results") / case.stem
     if plan:
-        result = plan_case(loaded, comm, folder)
+        result: dict[str, Any] = plan_case(loaded, comm, folder)
         if loaded.grid.dim == 3:
             from valvefsi.benchmarks.studies.scaling import on_more_ranks
 
             explicit = any("viscosity is explicit" in entry.note for entry in result["plan"])
-            how = {"advection": loaded.fluid.advection, "viscous": "explicit" if explicit else "implicit"}
+            how: Any = {
+                "advection": loaded.fluid.advection,
+                "viscous": "explicit" if explicit else "implicit",
+            }
             result["plan"] += on_more_ranks(result["plan"], comm, **how)
         show_result(result, comm)
         return

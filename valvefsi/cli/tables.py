@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -23,13 +23,18 @@ def show_result(result: Mapping[str, Any], comm: MPI.Comm, folder: Path | None =
     from rich.console import Console
 
     console = Console(width=None if sys.stdout.isatty() else WIDE)
-    rest = dict(result.get("timing", {}))
+    rest, rows = dict(result.get("timing", {})), list[tuple[str, ...]]()
     if "plan" in result:
         rows = [(e.quantity, number(e.value), e.unit, e.note) for e in result["plan"]]
         print_table(console, "plan", {"quantity": "left", "value": "right", "unit": "left", "": "left"}, rows)
     elif "table" in result:
         rows = [_compared(row) for row in result["table"]]
-        headings = {"quantity": "left", "computed": "right", "reference": "right", "difference": "right"}
+        headings = {
+            "quantity": "left",
+            "computed": "right",
+            "reference": "right",
+            "difference": "right",
+        }
         print_table(
             console, str(result.get("benchmark", "result")), {**headings, "unit": "left", "": "left"}, rows
         )
@@ -56,7 +61,7 @@ def _compared(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def print_table(
-    console: Console, title: str, columns: Mapping[str, str], rows: list[tuple[str, ...]]
+    console: Console, title: str, columns: Mapping[str, str], rows: Sequence[tuple[str, ...]]
 ) -> None:
     """Print a table; ``columns`` gives the side that each heading's cells lean to."""
     from rich import box
@@ -65,7 +70,7 @@ def print_table(
 
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     for heading, side in columns.items():
-        table.add_column(heading, justify=side)
+        table.add_column(heading, justify=cast(Any, side))
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     console.print(table)

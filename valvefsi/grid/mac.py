@@ -107,7 +107,7 @@ class MacGrid:
     @classmethod
     def graded(
         cls,
-        edges: Sequence[Sequence[float]],
+        edges: Sequence[Sequence[float] | Array],
         periodic: Sequence[bool],
         comm: MPI.Comm = MPI.COMM_WORLD,
         process_grid: tuple[int, int] | None = None,

@@ -55,8 +55,10 @@ class Orifice:
 class Observer(Protocol):
     """Adds columns of its own to the history, and may keep what it sees."""
 
-    columns: Sequence[str]
-    """Names of its columns."""
+    @property
+    def columns(self) -> Sequence[str]:
+        """Names of its columns."""
+        ...
 
     def row(self, state: State) -> dict[str, float]:
         """Return a value for each column (collective)."""

@@ -22,6 +22,7 @@ from petsc4py import PETSc
 
 from valvefsi.errors import CaseError
 from valvefsi.solid.elements.numbering import number_nodes
+from valvefsi.solid.elements.shell_elasticity import ShellElasticity
 from valvefsi.solid.materials import Volumetric
 from valvefsi.solid.materials.kinematics import Kinematics
 
@@ -216,6 +217,8 @@ def stress_of_solution(solution: StaticSolution, material: Material, **options: 
 
 def stress_of_structure(structure: Structure, **options: Any) -> Stress:
     """Return the stress of a structure at the position its `force` was last called with (collective)."""
+    if isinstance(structure.elasticity, ShellElasticity):
+        return structure.elasticity.stress(**options)
     position = structure.elasticity.position
     return Stress(position, structure.material, of_position=True, kappa=structure.kappa, **options)
 

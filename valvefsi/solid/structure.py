@@ -18,6 +18,7 @@ from valvefsi.solid.elements.elasticity import Elasticity
 from valvefsi.solid.elements.gaps import Gaps
 from valvefsi.solid.elements.lumping import lumped_weights, surface_area
 from valvefsi.solid.elements.numbering import number_nodes
+from valvefsi.solid.elements.shell_elasticity import ShellElasticity, split
 from valvefsi.solid.elements.viscosity import Viscosity
 from valvefsi.solid.materials import Volumetric, kappa_stab, stabilisation
 from valvefsi.solid.materials.fibres import check_fibres
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
     from valvefsi.types import Array, Mesh
 
 
+ELEMENTS = ("lagrange", "solid_shell")
+"""Elements by the name a case file uses."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Discretisation:
     """How a solid is discretised and coupled.
@@ -45,8 +50,11 @@ class Discretisation:
         kappa: Numerical bulk modulus instead of the one that nu_stab gives, 0 for off [dyn/cm^2].
         volumetric_degree: Degree of the quadrature of what kappa adds to the bulk modulus of nu_stab, which keeps
             that of the forces and with it single points from inverting; None for that of the forces everywhere.
+        element: "lagrange", or "solid_shell" for thin incompressible bodies of hexahedra, see
+            `valvefsi.solid.elements.shell_kinematics`: they bend without locking, one or two through the thickness.
     """
 
+    element: str = "lagrange"
     degree: int = 1
     quadrature_degree: int | None = None
     kernel: str = "bspline3"
@@ -57,6 +65,7 @@ class Discretisation:
     def __post_init__(self) -> None:
         if self.degree not in (1, 2):
             raise CaseError("expected 1 or 2", key="degree", value=self.degree)
+        self._check_element()
         if not 1 <= self.force_degree <= 30:
             raise CaseError("expected 1 to 30", key="quadrature_degree", value=self.quadrature_degree)
         if not 1 <= (self.volumetric_degree or 1) <= self.force_degree:
@@ -70,6 +79,18 @@ class Discretisation:
     def force_degree(self) -> int:
         """Degree of the quadrature of the elastic forces."""
         return 2 * self.degree + 1 if self.quadrature_degree is None else self.quadrature_degree
+
+    def _check_element(self) -> None:
+        """Refuse an unknown element, and what solid-shell elements have no use for."""
+        if self.element not in ELEMENTS:
+            raise CaseError(f"expected one of {', '.join(ELEMENTS)}", key="element", value=self.element)
+        if self.element == "solid_shell":
+            for key, usual in {"degree": 1, "quadrature_degree": None, "volumetric_degree": None}.items():
+                if getattr(self, key) != usual:
+                    message = (
+                        "solid-shell elements are of degree 1 with a quadrature of their own; leave it out"
+                    )
+                    raise CaseError(message, key=key, value=getattr(self, key))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,8 +192,16 @@ class Structure:
         self._place_nodes()
         self._assemble_supports()
         degree = discretisation.force_degree
-        self.elasticity = Elasticity(self.space, material, self._volumetric_parts(), degree, mesh.fibres)
+        self.elasticity = self._elements(degree)
         self.viscosity = Viscosity(self.space, given.viscosity, degree) if given.viscosity > 0 else None
+
+    def _elements(self, degree: int) -> Elasticity | ShellElasticity:
+        """Return what computes the elastic forces."""
+        given = self.discretisation
+        if given.element == "solid_shell":
+            parts = split(self.material, self.nu_stab, given.kappa, given.volumetric)
+            return ShellElasticity(self.mesh, self.space, self.material, *parts)
+        return Elasticity(self.space, self.material, self._volumetric_parts(), degree, self.mesh.fibres)
 
     def _volumetric_parts(self) -> list[tuple[Volumetric, int]]:
         """Return the volumetric energies and the degrees of their quadratures."""

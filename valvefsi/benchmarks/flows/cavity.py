@@ -43,11 +43,9 @@ class Cavity(Benchmark[int, None]):
     cells: int = option(64, "Cells along an edge.", flag="--grid", least=8)
 
     def runs(self) -> list[int]:
-        """Return the grid."""
         return [self.cells]
 
     def one(self, run: int, job: Job) -> Record:
-        """Run until the flow is steady and read off both centre lines."""
         grid, u, t, steps = march(self.reynolds, run, self.values, job)
         curves, gaps, lows = profiles(grid, u), {}, {}
         for name, (at, values) in curves.items():
@@ -62,7 +60,6 @@ class Cavity(Benchmark[int, None]):
         return {"cells": run, "gaps": gaps, "lows": lows, "t": t, "steps": steps, "_curves": curves}
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return the largest differences from the table, and the lowest values."""
         (r,), table = records, []
         for name, line in (("u", "vertical"), ("v", "horizontal")):
             low = r["lows"][name]
@@ -80,7 +77,6 @@ class Cavity(Benchmark[int, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw both centre lines."""
         from valvefsi.post.plots.decay import centre_lines
 
         name = f"Cavity at Re {self.reynolds}, {self.cells} x {self.cells} cells"

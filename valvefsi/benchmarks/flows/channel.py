@@ -52,16 +52,13 @@ class Channel(Benchmark[int, None]):
     refine: int = option(2, "Number of finer grids.", least=0)
 
     def runs(self) -> list[int]:
-        """Return the cells across of each grid."""
         return refined(self.cells, self.refine)
 
     def one(self, run: int, job: Job) -> Record:
-        """Run both flows on one grid."""
         found = {kind: measure(kind, run, self.values, job.comm) for kind in KINDS}
         return {"cells": run, "errors": {kind: found[kind].pop("error") for kind in KINDS}, "_curves": found}
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return errors and orders."""
         errors = {kind: [record["errors"][kind] for record in records] for kind in KINDS}
         table = []
         for kind, kept in errors.items():
@@ -78,7 +75,6 @@ class Channel(Benchmark[int, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw the profiles of the finest grid."""
         from valvefsi.post.plots.decay import profiles
 
         curves = {kind: list(found.values()) for kind, found in records[-1]["_curves"].items()}

@@ -5,7 +5,7 @@ with an open outlet, on a grid that is fine around it and graded away from it. D
 
 A regularised delta function makes the ring hold the fluid a part of h outside it too: the flow sees a larger cylinder.
 The points therefore lie inside the circle by what the kernel adds to a plane wall in Stokes flow (Breugem 2012 found
-0.3 h by trial for his kernel of three points; here it follows from the kernel, see `wall_offset`).
+0.3 h by trial for his kernel of three points; here it follows from the kernel, `valvefsi.coupling.wall_offset`).
 ``draw_in=0`` leaves them on the circle. The published numbers depend on the box too: between planes 40 diameters apart
 the stream beside the cylinder is a per cent faster and the drag 1.4 % larger than at 100; here they are 60 apart.
 """
@@ -13,7 +13,7 @@ the stream beside the cylinder is a per cent faster and the drag 1.4 % larger th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,14 +30,15 @@ from valvefsi.benchmarks.flows.shedding import (
     published,
     table_of,
 )
-from valvefsi.benchmarks.flows.wall_offset import wall_offset
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
 from valvefsi.benchmarks.options import Parameters, Values, option, read_quantities
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import completed, flow_of
 from valvefsi.bodies.rigid import RigidSurface
-from valvefsi.coupling.kernels import KERNELS, largest_square_sum
+from valvefsi.coupling.kernel_properties import largest_square_sum
+from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
+from valvefsi.coupling.wall_offset import wall_offset
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Open, Wall
 from valvefsi.grid import MacGrid
@@ -76,11 +77,9 @@ class Cylinder(Benchmark[int, None]):
     cells: int = option(32, "Cells across the diameter.", flag="--grid", least=8)
 
     def read(self) -> Values:
-        """Read the parameters, of which ``draw_in`` may be 0."""
         return read_quantities(PARAMETERS, self.overrides)
 
     def check(self, values: Values) -> None:
-        """Refuse parameters out of their range."""
         for key, value in values.items():
             if key == "draw_in" and not 0.0 <= value <= 2.0:
                 raise CaseError("expected 0 to 2", file="--set", key=key, value=value)
@@ -88,11 +87,9 @@ class Cylinder(Benchmark[int, None]):
                 raise CaseError("expected a positive value", file="--set", key=key, value=value)
 
     def runs(self) -> list[int]:
-        """Return the grid."""
         return [self.cells]
 
     def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> Simulation:
-        """Return the simulation (collective)."""
         model, dt = build(cells, self.values, comm)
         steps = max(1, round(self.values["t_end"] / dt))
         output = Output(
@@ -107,7 +104,6 @@ class Cylinder(Benchmark[int, None]):
         return Simulation(model, schedule, output, initial)
 
     def one(self, run: int, job: Job) -> Record:
-        """Run to the end and read off drag and lift."""
         simulation = self.simulation(run, job.folder, job.comm)
         h = completed(simulation, job)
         t, drag, lift = (h[name] for name in ("t_s", *(f"force_{axis}_cylinder_dyn_per_cm" for axis in "xy")))
@@ -122,7 +118,6 @@ class Cylinder(Benchmark[int, None]):
         }
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return drag, lift and frequency beside the published ranges and the mesh that fits."""
         (r,), reynolds = records, self.values["reynolds"]
         table = table_of(r["quantities"], reynolds)
         if self.published("width"):
@@ -139,7 +134,6 @@ class Cylinder(Benchmark[int, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Write and draw the forces."""
         reynolds = self.values["reynolds"]
         title = f"Cylinder at Re {reynolds:g}, {self.cells} cells across"
         draw_forces(out, records[0]["_forces"], reynolds, title)
@@ -154,7 +148,12 @@ def build(cells: int, parameters: Values, comm: MPI.Comm) -> tuple[fsi.Model, fl
     edges = [graded_edges(along), graded_edges(across)]
     grid = MacGrid.graded(edges, [False, False], comm)
     stream = Wall(velocity=(1.0, 0.0))
-    sides = {"x_lower": stream, "x_upper": Open(), "y_lower": FreeSlip(), "y_upper": FreeSlip()}
+    sides: Mapping[str, Wall | Open | FreeSlip] = {
+        "x_lower": stream,
+        "x_upper": Open(),
+        "y_lower": FreeSlip(),
+        "y_upper": FreeSlip(),
+    }
     mu = 1.0 / parameters["reynolds"]
     dt = parameters["cfl"] * h / 1.6  # the stream is up to 1.6 times as fast beside the cylinder
     fluid = flow_of(grid, Boundary(grid, sides), dt, rho=1.0, mu=mu, advection="xsppm7")

@@ -73,17 +73,14 @@ class Leakage(Benchmark[float, None]):
     parameters = PARAMETERS
 
     def check(self, values: Values) -> None:
-        """Refuse springs that are stronger than an explicit step carries."""
         if values["hold"] > 1.0:
             message = "expected a part of the explicit limit, at most 1"
             raise CaseError(message, file="--set", key="hold", value=values["hold"])
 
     def runs(self) -> list[float]:
-        """Return the spacing."""
         return [self.values["h"]]
 
     def simulation(self, folder: Path, comm: MPI.Comm) -> Simulation:
-        """Return the simulation (collective)."""
         model, dt = build(self.values, comm), self.values["dt"]
         steps = max(8, round(self.values["t_end"] / dt))
         output = Output(
@@ -96,7 +93,6 @@ class Leakage(Benchmark[float, None]):
         return Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=np.inf), output)
 
     def one(self, run: float, job: Job) -> Record:
-        """Run the section and read off the leak."""
         simulation = self.simulation(job.folder, job.comm)
         h, model = completed(simulation, job), simulation.model
         t, flow = h["t_s"][1:], h["leak_ml_s"][1:]
@@ -111,7 +107,6 @@ class Leakage(Benchmark[float, None]):
         }
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return the leak, the swing about it and the largest flow."""
         (r,) = records
         asked: tuple[str | None, str] = (None, "")
         if self.published("h", "pressure"):
@@ -129,13 +124,13 @@ class Leakage(Benchmark[float, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw the leak over time."""
         from valvefsi.post.plots.decay import leak
 
         v = self.values
         what = "with sinuses" if v["sinuses"] == "yes" else "without sinuses"
         case = f"h = {10 * v['h']:.3g} mm, {v['pressure'] / MMHG:.4g} mmHg"
-        leak(out / "leak.png", *records[0]["_flow"], LATE, title=f"Closed test section {what}, {case}")
+        t, flow = records[0]["_flow"]
+        leak(out / "leak.png", t, flow, LATE, title=f"Closed test section {what}, {case}")
 
 
 def build(parameters: Values, comm: MPI.Comm) -> fsi.Model:

@@ -66,11 +66,9 @@ class TaylorGreen(Benchmark[int, None]):
     cells: int = option(48, "Cells along the edge of the eighth.", flag="--grid", least=8)
 
     def runs(self) -> list[int]:
-        """Return the grid."""
         return [self.cells]
 
     def one(self, run: int, job: Job) -> Record:
-        """Run the vortex."""
         curves, steps = march(run, self.values, job)
         peak, loss = int(np.argmax(curves.loss)), curves.loss
         found = {"peak": float(loss[peak]), "t_peak": float(curves.t[peak])}
@@ -85,7 +83,6 @@ class TaylorGreen(Benchmark[int, None]):
         }
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return the largest loss and the differences from the published curves."""
         (r,) = records
         q, found = r["quantities"], r["known"]
         against = SOURCE if "peak" in found else ""
@@ -109,7 +106,6 @@ class TaylorGreen(Benchmark[int, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Write ``decay.csv`` and draw the curves."""
         from valvefsi.post.plots.decay import decay
 
         c = records[0]["_curves"]

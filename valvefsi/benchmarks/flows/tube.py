@@ -92,7 +92,7 @@ class Axis:
     def distance(self, x: Faces) -> Array:
         """Distance of places from the nearest image of the axis [cm]."""
         box = self.h * np.array(self.cells)
-        nearest = np.inf
+        nearest: Array = np.full(1, np.inf)
         for image in np.ndindex(3, 3, 3):
             at = [c - o for c, o in zip(x, self.through + (np.array(image) - 1.0) * box, strict=True)]
             across = [sum(e * c for e, c in zip(unit, at, strict=True)) for unit in self.frame[1:]]
@@ -163,7 +163,7 @@ def build(angle: int, h: float, values: Values, comm: MPI.Comm) -> tuple[fsi.Mod
         Collective.
     """
     axis, R = axis_at(angle, h, values), values["radius"]
-    grid = MacGrid([0.0] * 3, h * np.array(axis.cells), axis.cells, [True] * 3, comm)
+    grid = MacGrid([0.0] * 3, [h * n for n in axis.cells], axis.cells, [True] * 3, comm)
     mu = R**2 / (FINAL * values["relaxation"])  # the density is 1 g/cm^3
     dt = values["step"] * ExplicitViscosity.limit(grid, rho=1.0, mu=mu)
     inside = [np.clip(0.5 + (R - axis.distance(grid.points(d))) / h, 0.0, 1.0) for d in range(3)]

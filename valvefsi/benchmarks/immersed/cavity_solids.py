@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-import scipy.fft
 from mpi4py import MPI
 
 from valvefsi import fsi
@@ -28,7 +27,7 @@ from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, re
 from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, couple
 from valvefsi.benchmarks.options import option
 from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import flow_of
+from valvefsi.benchmarks.running import flow_of, time_of_pair
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.elastic_plan import LONGEST_GAP
 from valvefsi.coupling.kernels import KERNELS
@@ -110,11 +109,9 @@ class SoftBody(Benchmark[int, None]):
         return None
 
     def runs(self) -> list[int]:
-        """Return the grids."""
         return [self.grid]
 
     def label(self, run: int) -> str:
-        """Return the name of a grid."""
         return f"N = {run}"
 
     def model(self, n: int, comm: MPI.Comm) -> fsi.Model:
@@ -133,7 +130,6 @@ class SoftBody(Benchmark[int, None]):
         return fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, couple(fluid, solid, numerics)),))
 
     def one(self, run: int, job: Job) -> Record:
-        """Run one grid: volume and centre of mass over time, and the median time of a step."""
         model, dt, comm = self.model(run, job.comm), self.values["dt_per_h"] / run, job.comm
         steps, phases = self.count(dt), defaultdict[str, float](float)
         clocked, state, times, pairs = timed(model, phases), fsi.initial_state(model, dt), [], []
@@ -145,7 +141,7 @@ class SoftBody(Benchmark[int, None]):
             state = fsi.step(clocked, state, dt)
             times.append(time.perf_counter() - started)
             if step < PAIRS:  # in turns with the steps: a load on the machine slows both
-                pairs.append(time_of_pair(run, self.dim) if comm.rank == 0 else 0.0)
+                pairs.append(time_of_pair((run,) * self.dim) if comm.rank == 0 else 0.0)
                 comm.barrier()
             if (step + 1) % every == 0 or step + 1 == steps:
                 rows.append(_look(model, state))
@@ -168,7 +164,6 @@ class SoftBody(Benchmark[int, None]):
         }
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return volume kept, time of a step, path."""
         keys = ("volume_change", "pairs", "step_s")
         numbers = {key: self.known(key) for key in ("change", "pairs")}
         table = [line for record in records for line in self._lines(record)]
@@ -204,7 +199,6 @@ class SoftBody(Benchmark[int, None]):
         ]
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw path and change of volume."""
         from valvefsi.post.plots.immersed import Line, Panel, panels
 
         def lines(x: str, y: str) -> list[Line]:
@@ -233,15 +227,12 @@ class SphereInCavity(SoftBody):
     steps: int = option(60, "Number of steps.", least=3)
 
     def blocks(self, n: int) -> int:
-        """Return the elements along the edge of each block; 16 make 28,672 hexahedra."""
         return self.elements or super().blocks(n)
 
     def count(self, dt: float) -> int:
-        """Return the number of steps."""
         return self.steps
 
     def known(self, quantity: str) -> float | None:
-        """Return what IBAMR found."""
         return references.read("ibamr_sphere_in_cavity").value("value", quantity=quantity)
 
 
@@ -259,15 +250,12 @@ class DiskInCavity(SoftBody):
 
     @property
     def numerics(self) -> Numerics:
-        """How the coarsest grid is coupled."""
         return replace(super().numerics, ratio=self.ratio)
 
     def runs(self) -> list[int]:
-        """Return the grids."""
         return refined(self.grid, self.refine)
 
     def count(self, dt: float) -> int:
-        """Return the number of steps."""
         return round(self.t_end / dt)
 
 
@@ -279,14 +267,3 @@ def _look(model: fsi.Model, state: fsi.State) -> Array:
     change = solid.volume(chi) / solid.reference_volume - 1.0
     x, y = moment[:2] / solid.reference_volume
     return np.array([state.t, change, x, y, body.gap(state.bodies[0]) / model.grid.spacing[0]])
-
-
-def time_of_pair(n: int, dim: int) -> float:
-    """Return the time of a cosine transform of the grid and back, on one thread [s].
-
-    In memory that the process keeps, as steps have it: with fresh pages a pair takes up to twice as long.
-    """
-    field = np.random.default_rng(0).standard_normal((n,) * dim)
-    started = time.perf_counter()
-    scipy.fft.idctn(scipy.fft.dctn(field, workers=1), workers=1)
-    return time.perf_counter() - started

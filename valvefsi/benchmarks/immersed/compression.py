@@ -18,7 +18,7 @@ from mpi4py import MPI
 from valvefsi.benchmarks.frame import Announce, Benchmark, Command, Job, Record, Report, Result
 from valvefsi.benchmarks.immersed.numerics import Numerics
 from valvefsi.benchmarks.immersed.study import Compared, GridStudy
-from valvefsi.benchmarks.options import Values, option, read_parameters, read_quantities
+from valvefsi.benchmarks.options import Parameters, Values, option, read_parameters, read_quantities
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import AVERAGED, History, late_mean, late_size
 from valvefsi.benchmarks.statics.compression import converged
@@ -40,7 +40,7 @@ GRID, BOX, LENGTH = 16, 40.0, 20.0
 """Cells along the box of the coarsest grid of a series; edge of the box and length of the block [cm]."""
 TOP = (20.0, 25.0)
 """Centre of the top [cm]."""
-PARAMETERS: dict[str, tuple[float, str]] = {
+PARAMETERS: Parameters = {
     "traction": (200.0, "dyn/cm^2"),
     "c1": (80.194, "dyn/cm^2"),
     "rho": (1.0, "g/cm^3"),
@@ -106,7 +106,6 @@ class Compression(Command):
 
     @property
     def folder(self) -> str:
-        """Name of the folder of the results."""
         if self.refine:
             return "compression-series"
         held = "off" if self.nu_stab is None else self.nu_stab
@@ -169,15 +168,12 @@ class OneBlock(Benchmark[Block, None]):
     block: Block
 
     def check(self, values: Values) -> None:
-        """Refuse what is no case."""
         compression_case(self.block)
 
     def runs(self) -> list[Block]:
-        """Return the block."""
         return [self.block]
 
     def one(self, run: Block, job: Job) -> Record:
-        """Run the block and draw it."""
         case = compression_case(run)
         with run_folder(case, job.folder, job.comm, resume=job.resume, overwrite=run.replace) as changes:
             simulation = build(case, job.folder, job.comm, changes)
@@ -197,7 +193,6 @@ class OneBlock(Benchmark[Block, None]):
         }
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return the means over the end of the run beside the statics."""
         (r,), block = records, self.block
         q, u_y, statics_ = r["quantities"], r["quantities"][MAIN.key], r["reference"]
         table = [row(MAIN.label, u_y, statics_, "mixed u-p statics, same mesh, this run", unit="cm")]
@@ -232,7 +227,6 @@ class BlockSeries(GridStudy):
     change = Compared(column="block_area_change_percent", key="change_percent", label="area change", unit="%")
 
     def read(self) -> Values:
-        """Read the parameters; dotted keys of a case stay texts, and the damping follows c1 unless it is set."""
         keys = {text: split_override(text)[0] for text in self.overrides}
         plain = [text for text, key in keys.items() if "." not in key]
         values = read_parameters(PARAMETERS, plain)
@@ -241,7 +235,6 @@ class BlockSeries(GridStudy):
         return values | {key: text.partition("=")[2].strip() for text, key in keys.items() if "." in key}
 
     def check(self, values: Values) -> None:
-        """Refuse what is no case."""
         super().check(values)
         self.case_of(self.runs()[0])
 
@@ -257,11 +250,9 @@ class BlockSeries(GridStudy):
         return compression_case(block)
 
     def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
-        """Return the simulation of one block (collective)."""
         return build(self.case_of(numerics), folder, comm)
 
     def quantities(self, history: History) -> dict[str, float]:
-        """Return the means over the end of a run, those of the single run, and the size of the change of area."""
         late = history["t_s"] >= (1.0 - AVERAGED) * history["t_s"][-1]
         return {
             "u_y_top_centre_cm": late_mean(history, "u_y_top_centre_cm"),
@@ -273,16 +264,13 @@ class BlockSeries(GridStudy):
         }
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-        """Return the value of mixed elements on the finest mesh."""
         return self.same_mesh(numerics, comm), "mixed u-p statics, finest mesh"
 
     def same_mesh(self, numerics: Numerics, comm: MPI.Comm) -> float:
-        """Return the displacement of the same block, exactly incompressible, on the same mesh."""
         case = self.case_of(numerics)
         return static_reference(build(case, Path(), comm), case)
 
     def elsewhere(self) -> list[tuple[float | str, str]]:
-        """Return the converged value, where the parameters are the published ones."""
         return [(converged(), "mixed elements, converged")] if self.published("traction", "c1") else []
 
 

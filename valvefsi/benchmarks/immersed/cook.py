@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 from valvefsi.benchmarks.immersed.numerics import Numerics, immersed_model
 from valvefsi.benchmarks.immersed.study import Compared, GridStudy
-from valvefsi.benchmarks.options import option
+from valvefsi.benchmarks.options import Parameters, option
 from valvefsi.benchmarks.running import History, late_mean, late_size
 from valvefsi.benchmarks.statics.cook import band
 from valvefsi.benchmarks.statics.cook import solve as solve_statics
@@ -33,7 +33,7 @@ from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure
 
-PARAMETERS = {
+PARAMETERS: Parameters = {
     "traction": (6.25, "dyn/cm^2"),
     "c1": (250.0 / 3.0, "dyn/cm^2"),
     "rho": (1.0, "g/cm^3"),
@@ -70,7 +70,6 @@ class Cook(GridStudy):
     grid: int = option(25, "Cells along the box.", least=4)
 
     def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
-        """Return the simulation of one membrane (collective)."""
         n, values = numerics.grid, self.values
         load = DeadLoad(
             on=("right",),
@@ -95,7 +94,6 @@ class Cook(GridStudy):
         return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
 
     def quantities(self, history: History) -> dict[str, float]:
-        """Return the means over the end of a run."""
         return {
             "u_y_corner_cm": late_mean(history, "u_y_corner_cm"),
             "change_percent": late_size(history, "membrane_area_change_percent"),
@@ -104,13 +102,11 @@ class Cook(GridStudy):
         }
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-        """Return the value of mixed elements."""
         static = {"traction": self.values["traction"], "c1": self.values["c1"], "scale": 1.0}
         answer = solve_statics(static, Mesh(cell="quadrilateral", elements=FINE), comm)
         return answer.values["u_y_corner_cm"], f"mixed u-p statics, {FINE} x {FINE}, this run"
 
     def elsewhere(self) -> list[tuple[float | str, str]]:
-        """Return the published band, where the parameters are the published ones."""
         low, high = band()
         source = "immersed, over kernels; second-hand"
         return [(f"{low} ... {high}", source)] if self.published("traction", "c1") else []

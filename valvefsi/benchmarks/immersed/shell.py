@@ -132,7 +132,6 @@ class Shell(Benchmark[Series, None]):
     ratio: float = 0.5
 
     def runs(self) -> list[Series]:
-        """Return every body on every grid."""
         every = []
         for kernel in self.kernels:
             kinds = [("shell", coupling) for coupling in self.couplings] + [("membrane", "nodal")]
@@ -143,13 +142,11 @@ class Shell(Benchmark[Series, None]):
         return every
 
     def one(self, run: Series, job: Job) -> Record:
-        """Run one body on one grid."""
         measure = shell_at_rest if run.body == "shell" else membrane_at_rest
         found = measure(run.numerics, self.values, job.comm)
         return {"series": run.name, "grid": run.numerics.grid, "quantities": found}
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return errors, spurious velocities and their orders."""
         series, table = _by_series(records), []
         for name, runs in series.items():
             table += [line for run in runs for line in self._lines(name, run)]
@@ -176,7 +173,6 @@ class Shell(Benchmark[Series, None]):
         return [line, row("  spurious velocity", q["u_max"], source="exact 0", unit="cm/s")]
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw errors and spurious velocities over the grids."""
         from valvefsi.post.plots.immersed import Line, Panel, panels
 
         def panel(kind: str, key: str, label: str) -> Panel:

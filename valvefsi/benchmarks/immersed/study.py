@@ -75,7 +75,6 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
     refine: int = option(0, "Number of finer grids; gives the observed order.", least=0)
 
     def check(self, values: Values) -> None:
-        """Refuse more grids than there are."""
         most = len(self.factors) - 1
         if self.refine > most:
             raise CaseError(f"expected at most {most} finer grids", key="--refine", value=self.refine)
@@ -101,7 +100,6 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         return []
 
     def runs(self) -> list[Numerics]:
-        """Return the runs, from the coarsest grid on."""
         numerics = Numerics(grid=self.grid, ratio=self.ratio, kernel=self.kernel, coupling=self.coupling)
         kinds = HELD[self.stabilised] if self.nu_stab is not None else (False,)
         return [
@@ -111,15 +109,12 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         ]
 
     def label(self, run: Numerics) -> str:
-        """Return the name of a run."""
         return run.name
 
     def place(self, run: Numerics, out: Path) -> Path:
-        """Return the folder of a run."""
         return out / self.name / run.name
 
     def references(self, comm: MPI.Comm) -> Incompressible:
-        """Return the incompressible answers."""
         runs = self.runs()
         value, source = self.incompressible(runs[-1], comm)
         same = {run.grid: self.same_mesh(run, comm) for run in runs}
@@ -127,7 +122,6 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         return Incompressible(value=value, source=source, same_mesh=known)
 
     def one(self, run: Numerics, job: Job) -> Record:
-        """Run one grid; where it breaks down ``failed`` says why, and there are no quantities."""
         simulation = self.simulation(run, job.folder, job.comm)
         done = attempt(simulation, job, clear=True)
         return {
@@ -142,7 +136,6 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         }
 
     def report(self, records: Sequence[Record], known: Incompressible) -> Report:
-        """Return quantities by run, the table and the orders."""
         series = [r for r in records if not r["failed"]]
         orders = [line for kind in KINDS for line in self._orders(series, kind, known.value)]
         main = self.main
@@ -191,7 +184,6 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         return [row(name.format(n), abs(free[n] / kept[n])) for n in kept if n in free]
 
     def draw(self, records: Sequence[Record], known: Incompressible, out: Path) -> None:
-        """Draw both quantities over time and, with several grids, over the grids (as S4 and S5, c and d)."""
         from valvefsi.post.plots.immersed import Line, Panel, panels
 
         main, change = self.main, self.change

@@ -76,7 +76,6 @@ class Torsion(GridStudy):
     grid: int = option(12, "Cells along the box's width.", least=4)
 
     def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
-        """Return the simulation of one column (collective)."""
         n, values = numerics.grid, self.values
         h = WIDTH / n
         across = max(2, 2 * round(0.5 / (numerics.ratio * h)))
@@ -105,7 +104,6 @@ class Torsion(GridStudy):
         return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
 
     def quantities(self, history: History) -> dict[str, float]:
-        """Return the means over the end of a run."""
         return {
             "u_y_top_centre_cm": late_mean(history, "u_y_top_centre_cm"),
             "change_percent": late_size(history, "column_volume_change_percent"),
@@ -115,7 +113,6 @@ class Torsion(GridStudy):
         }
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-        """Return the displacement of the reference table, or that of a static solution."""
         known, values = computed(), self.values
         part = values["angle"] / (2.5 * math.pi)
         nearest = min(known, key=lambda p: abs(p - part))

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +35,13 @@ from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
 from valvefsi.benchmarks.immersed.turek_model import CENTRE, CLAMP, RADIUS, THICKNESS, TIP, build
-from valvefsi.benchmarks.immersed.turek_signals import oscillation, whole_periods
 from valvefsi.benchmarks.options import Values, changed, option, read_parameters
 from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import History, attempt, gathered, plane_of
+from valvefsi.benchmarks.running import History, Sights, attempt, gathered, plane_of
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.errors import CaseError
 from valvefsi.post import diagnostics
+from valvefsi.post.diagnostics.signals import oscillation, whole_periods
 from valvefsi.run.forces import ForceOutput
 from valvefsi.run.recording import Output, Probe
 from valvefsi.run.schedule import Schedule
@@ -116,13 +116,11 @@ class Watch:
 
     Attributes:
         model: The model of `build`.
-        due: Steps at or after which a picture is kept, in order.
-        snapshots: What was kept.
+        sights: Snapshots.
     """
 
     model: fsi.Model
-    due: list[int]
-    snapshots: list[Snapshot] = field(default_factory=list)
+    sights: Sights
     columns = ("clamp_cm", "speed_cm_per_s")
 
     def row(self, state: fsi.State) -> dict[str, float]:
@@ -131,14 +129,13 @@ class Watch:
         root = flag.X[:, 0] < CLAMP + 1e-6
         moved = np.linalg.norm((state.bodies[0]["chi"] - flag.X)[root], axis=1).max(initial=0.0)
         speed, _ = diagnostics.fastest_place(self.model.grid, state.u)
-        if self.due and state.step >= self.due[0]:
-            self.due = [step for step in self.due if step > state.step]
-            self.snapshots.append(self._snapshot(state))
+        self.sights.take(state.step, lambda: self._snapshot(state))
         clamp = self.model.grid.comm.allreduce(float(moved), op=MPI.MAX)
         return {"clamp_cm": clamp, "speed_cm_per_s": float(speed)}
 
     def _snapshot(self, state: fsi.State) -> Snapshot:
-        grid, solid = self.model.grid, self.model.bodies[0].solid  # type: ignore[attr-defined]
+        flag: Any = self.model.bodies[0]
+        grid, solid = self.model.grid, flag.solid
         own = diagnostics.vorticity(grid, state.u)[:, :, 0, 2]
         X, chi = (gathered(solid, grid.comm, x) for x in (solid.X, state.bodies[0]["chi"]))
         vorticity, edges = plane_of(grid, own)
@@ -161,15 +158,12 @@ class TurekFsi(Benchmark[int, None]):
 
     @property
     def folder(self) -> str:
-        """Name of the folder of the results."""
         return f"turek-{self.case}"
 
     def read(self) -> Values:
-        """Read the parameters; the case sets some of their defaults."""
         return read_parameters(changed(PARAMETERS, **CASES[self.case]), self.overrides)
 
     def check(self, values: Values) -> None:
-        """Refuse Poisson's ratios above 0.5 and a flag lighter than the fluid."""
         for key in ("nu", "nu_stab"):
             if not values[key] < 0.5 + 1e-12 * (key == "nu"):
                 raise CaseError("expected at most 0.5", file="--set", key=key, value=values[key])
@@ -184,23 +178,20 @@ class TurekFsi(Benchmark[int, None]):
         return all(self.values[key] == value for key, value in physical.items())
 
     def runs(self) -> list[int]:
-        """Return the cells across the flag of each grid."""
         return refined(self.cells, self.refine, REFINEMENT)
 
     def label(self, run: int) -> str:
-        """Return the name of a grid."""
         return f"{self.case}, {run} cells across the flag"
 
     def place(self, run: int, out: Path) -> Path:
-        """Return the folder of a grid."""
         return out / f"N{run}"
 
     def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Watch]:
-        """Return the simulation of one grid and what watches it (collective)."""
         model, dt = build(cells, self.kernel, self.values, comm)
         period = PERIODS[self.case]
         steps, every = math.ceil(self.t_end / dt - 1e-6), max(1, round(period / SAMPLES / dt))
-        watch = Watch(model, [max(1, steps - round(part * period / dt)) for part in (0.5, 0.25, 0.0)])
+        due = [max(1, steps - round(part * period / dt)) for part in (0.5, 0.25, 0.0)]
+        watch = Watch(model, Sights(due))
         output = Output(
             directory=folder,
             history_every=every,
@@ -213,11 +204,10 @@ class TurekFsi(Benchmark[int, None]):
         return Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=math.inf), output), watch
 
     def one(self, run: int, job: Job) -> Record:
-        """Run one grid and draw it."""
         simulation, watch = self.simulation(run, job.folder, job.comm)
         done = attempt(simulation, job)
         if job.comm.rank == 0:
-            self._pictures(run, job.folder, done.history, watch.snapshots)
+            self._pictures(run, job.folder, done.history, watch.sights.kept)
         model, h = simulation.model, done.history
         J_off = np.maximum(1.0 - h["flag_J_min"], h["flag_J_max"] - 1.0)
         return {
@@ -248,7 +238,6 @@ class TurekFsi(Benchmark[int, None]):
             vorticity(folder / "vorticity.png", pictures, body, scale=scale, title=name)
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return mean, amplitude and frequency of displacements and forces."""
         chosen = {"case": self.case, "t_end": self.t_end, "kernel": self.kernel}
         return Report(
             parameters=self.values | chosen,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 
@@ -17,13 +16,13 @@ from valvefsi.bodies.heavy import Heavy
 from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, Open, Wall
-from valvefsi.geometry.mesh import SolidMesh, mesh_from_gmsh
+from valvefsi.geometry.flow_shapes import flag as flag_mesh
 from valvefsi.grid import MacGrid
 from valvefsi.grid.grading import graded_edges
 from valvefsi.solid.loads import Tether
 from valvefsi.solid.materials import NeoHookean, kappa_stab
 from valvefsi.solid.structure import Discretisation, Structure
-from valvefsi.types import Array, Gmsh
+from valvefsi.types import Array
 
 LENGTH, HEIGHT = 250.0, 41.0
 """Length and height of the channel [cm]."""
@@ -35,40 +34,6 @@ CLAMP = CENTRE[0] + math.sqrt(RADIUS**2 - (0.5 * THICKNESS) ** 2)
 """Where the flag leaves the cylinder [cm]."""
 CORE = ((13.0, 65.0), (10.0, 30.0))
 """Stretches along both axes with the smallest cells [cm]."""
-
-
-def flag_mesh(comm: MPI.Comm, *, h: float, ratio: float) -> SolidMesh:
-    """Mesh the flag with quadrilaterals of length ``ratio h``; tags "body" and "root", what lies in the cylinder.
-
-    Note:
-        Collective.
-    """
-    x, half, size = (ROOT, CLAMP, TIP), 0.5 * THICKNESS, ratio * h
-    along = [max(1, round((b - a) / size)) for a, b in itertools.pairwise(x)]
-    across = max(1, round(THICKNESS / size))
-
-    def build(gmsh: Gmsh) -> None:
-        geo, surfaces = gmsh.model.geo, []
-        ends = [[geo.addPoint(a, CENTRE[1] + s * half, 0.0) for s in (-1.0, 1.0)] for a in x]
-        ups = [geo.addLine(*pair) for pair in ends]
-        for k, count in enumerate(along):
-            low, high = (geo.addLine(ends[k][s], ends[k + 1][s]) for s in (0, 1))
-            surface = geo.addPlaneSurface([geo.addCurveLoop([low, ups[k + 1], -high, -ups[k]])])
-            for line in (low, high):
-                geo.mesh.setTransfiniteCurve(line, count + 1)
-            corners = [ends[k][0], ends[k + 1][0], ends[k + 1][1], ends[k][1]]
-            surfaces.append((surface, corners))
-        for line in ups:
-            geo.mesh.setTransfiniteCurve(line, across + 1)
-        for surface, corners in surfaces:
-            geo.mesh.setTransfiniteSurface(surface, "Left", corners)
-            geo.mesh.setRecombine(2, surface)
-        geo.synchronize()
-        for (surface, _), name in zip(surfaces, ("root", "body"), strict=True):
-            gmsh.model.addPhysicalGroup(2, [surface], name=name)
-        gmsh.model.mesh.generate(2)
-
-    return mesh_from_gmsh(build, comm, source="flag")
 
 
 def cylinder_points(h: float) -> tuple[Array, Array]:
@@ -108,7 +73,7 @@ def plate_modulus(values: Values) -> float:
     return 0.5 * values["mu_s"] / (1.0 - values["nu"])
 
 
-def inflow(values: Values) -> Callable:
+def inflow(values: Values) -> Callable[[Array, Array, Array, float], tuple[Array, float]]:
     """Return the velocity on the left side as a function of place and time."""
     U, ramp = values["U"], values["ramp"]
 
@@ -126,7 +91,9 @@ def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> tuple[fsi.
     dt, rho, mu = length_of_step(h, values), values["rho"], values["mu"]
     hold = {"stiffness": values["hold"] * rho / dt**2, "damping": values["hold"] * rho / dt}
     flag = Structure(
-        flag_mesh(comm, h=h, ratio=values["ratio"]),
+        flag_mesh(
+            comm, along=(ROOT, CLAMP, TIP), thickness=THICKNESS, centre=CENTRE[1], size=values["ratio"] * h
+        ),
         NeoHookean(c1=plate_modulus(values)),
         name="flag",
         nu_stab=values["nu_stab"],

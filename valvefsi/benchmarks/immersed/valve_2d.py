@@ -34,17 +34,18 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
-from valvefsi.benchmarks.immersed.polygon_gap import gap
 from valvefsi.benchmarks.options import Values, option
 from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import History, attempt, gathered, plane_of
+from valvefsi.benchmarks.running import History, Sights, attempt, gathered, plane_of
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, Open, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
-from valvefsi.geometry.mesh import SolidMesh, mesh_from_gmsh
+from valvefsi.geometry.flow_shapes import two_leaflets
+from valvefsi.geometry.mesh import SolidMesh
+from valvefsi.geometry.polygon_gap import gap
 from valvefsi.grid import MacGrid
 from valvefsi.grid.grading import graded_edges
 from valvefsi.post import diagnostics
@@ -55,7 +56,7 @@ from valvefsi.run.simulation import Simulation
 from valvefsi.run.stable_step import measured_limit
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure
-from valvefsi.types import Array, Gmsh
+from valvefsi.types import Array
 
 LENGTH, HEIGHT, ROOT = 8.0, 1.61, 2.0
 """Length and height of the channel, and where the leaflets are [cm]."""
@@ -90,38 +91,6 @@ def published() -> dict[str, tuple[float, tuple[float, float]]]:
     }
 
 
-def leaflets(comm: MPI.Comm, *, size: tuple[float, float], elements: tuple[int, int] = (1, 40)) -> SolidMesh:
-    """Mesh both leaflets, from wall to tip, with quadrilaterals; tag "body".
-
-    Args:
-        comm: Communicator the mesh is distributed on.
-        size: Thickness and length [cm].
-        elements: Elements across and along each.
-
-    Note:
-        Collective.
-    """
-
-    def build(gmsh: Gmsh) -> None:
-        geo, surfaces = gmsh.model.geo, []
-        left, right = ROOT - 0.5 * size[0], ROOT + 0.5 * size[0]
-        for root, tip in ((0.0, size[1]), (HEIGHT, HEIGHT - size[1])):
-            corners = [(left, root), (right, root), (right, tip), (left, tip)]
-            points = [geo.addPoint(x, y, 0.0) for x, y in corners]
-            lines = [geo.addLine(points[k], points[(k + 1) % 4]) for k in range(4)]
-            surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
-            for k, line in enumerate(lines):
-                geo.mesh.setTransfiniteCurve(line, elements[k % 2] + 1)
-            geo.mesh.setTransfiniteSurface(surface, "Left", points)
-            geo.mesh.setRecombine(2, surface)
-            surfaces.append(surface)
-        geo.synchronize()
-        gmsh.model.addPhysicalGroup(2, surfaces, name="body")
-        gmsh.model.mesh.generate(2)
-
-    return mesh_from_gmsh(build, comm, source="leaflets")
-
-
 def channel(cells: int, comm: MPI.Comm) -> MacGrid:
     """Return the grid: ``cells`` across, as fine along the channel where the leaflets sweep, graded away from there."""
     h = HEIGHT / cells
@@ -152,7 +121,11 @@ def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> Built:
     grid = channel(cells, comm)
     h, thickness, length = HEIGHT / cells, values["thickness"], values["length"]
     elements = max(1, round(0.5 * thickness / h)), max(4, math.ceil(length / (values["ratio"] * h)))
-    solid = solid_of(leaflets(comm, size=(thickness, length), elements=elements), values, kernel)
+    solid = solid_of(
+        two_leaflets(comm, root=ROOT, height=HEIGHT, size=(thickness, length), elements=elements),
+        values,
+        kernel,
+    )
     rho, mu, strength = values["rho"], values["mu"], values["inflow"]
 
     def inflow(x: Array, y: Array, z: Array, t: float) -> tuple[Array, float]:
@@ -224,8 +197,7 @@ class Watch:
     Attributes:
         model: The model of `build`.
         size: Thickness and length of a leaflet [cm].
-        due: Steps at or after which a picture is kept, in order.
-        snapshots: What was kept.
+        sights: Snapshots.
 
     Note:
         Collective.
@@ -233,8 +205,7 @@ class Watch:
 
     model: fsi.Model
     size: tuple[float, float]
-    due: list[int] = field(default_factory=list)
-    snapshots: list[Snapshot] = field(default_factory=list)
+    sights: Sights = field(default_factory=lambda: Sights([]))
     columns = ("upper_dx_cm", "upper_dy_cm", "lower_dx_cm", "lower_dy_cm", "gap_cm", "speed_cm_per_s")
 
     def __post_init__(self) -> None:
@@ -250,12 +221,14 @@ class Watch:
         tips = [*(chi - self.X)[self.upper.tip, :2], *(chi - self.X)[self.lower.tip, :2]]
         outlines = [chi[leaflet.outline, :2] for leaflet in (self.lower, self.upper)]
         speed, _ = diagnostics.fastest_place(self.model.grid, state.u)
-        if self.due and state.step >= self.due[0]:
-            self.due = [step for step in self.due if step > state.step]
-            own = np.linalg.norm(diagnostics.cell_velocity(self.model.grid, state.u)[:, :, 0, :2], axis=2)
-            whole, edges = plane_of(self.model.grid, own)
-            self.snapshots.append(Snapshot(state.t, edges, whole, outlines))
+        self.sights.take(state.step, lambda: self._snapshot(state, outlines))
         return dict(zip(self.columns, map(float, (*tips, gap(*outlines), speed)), strict=True))
+
+    def _snapshot(self, state: fsi.State, outlines: list[Array]) -> Snapshot:
+        grid = self.model.grid
+        own = np.linalg.norm(diagnostics.cell_velocity(grid, state.u)[:, :, 0, :2], axis=2)
+        whole, edges = plane_of(grid, own)
+        return Snapshot(state.t, edges, whole, outlines)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,7 +245,6 @@ class Valve2D(Benchmark[int, None]):
     kernel: str = option("bspline3", "Kernel of the coupling.", choices=tuple(KERNELS))
 
     def check(self, values: Values) -> None:
-        """Refuse leaflets that are compressible without end or overlap."""
         if not values["nu"] < 0.5:
             raise CaseError("expected below 0.5", file="--set", key="nu", value=values["nu"])
         if not values["length"] < 0.5 * HEIGHT:
@@ -285,23 +257,19 @@ class Valve2D(Benchmark[int, None]):
         return self.t_end >= 1.0 and self.published(*physical)
 
     def runs(self) -> list[int]:
-        """Return the cells across the channel of each grid."""
         return refined(self.cells, self.refine, REFINEMENT)
 
     def label(self, run: int) -> str:
-        """Return the name of a grid."""
         return f"N = {run}"
 
     def place(self, run: int, out: Path) -> Path:
-        """Return the folder of a grid."""
         return out / f"N{run}"
 
     def simulation(self, built: Built, job: Job) -> tuple[Simulation, Watch]:
-        """Return the simulation of one grid and what watches it (collective)."""
         steps = max(3, math.ceil(self.t_end / built.dt))
         dt, size = self.t_end / steps, (self.values["thickness"], self.values["length"])
         due = [min(steps, round(t / dt)) for t in snapshot_times(self.t_end)]
-        watch = Watch(built.model, size, due)
+        watch = Watch(built.model, size, Sights(due))
         output = Output(
             directory=job.folder,
             history_every=max(1, steps // SAMPLES),
@@ -313,13 +281,12 @@ class Valve2D(Benchmark[int, None]):
         return Simulation(built.model, schedule, output), watch
 
     def one(self, run: int, job: Job) -> Record:
-        """Run one grid and draw it."""
         begin, built = time.perf_counter(), build(run, self.kernel, self.values, job.comm)
         simulation, watch = self.simulation(built, job)
         done = attempt(simulation, job)
         grid, steps = built.model.grid, int(done.history["step"][-1])
         if job.comm.rank == 0:
-            self._pictures(run, job.folder, done.history, watch.snapshots)
+            self._pictures(run, job.folder, done.history, watch.sights.kept)
         return {
             "cells": run,
             "grid": list(grid.cells[:2]),
@@ -343,7 +310,6 @@ class Valve2D(Benchmark[int, None]):
             in_the_flow(folder / "flow.png", [vars(s) for s in snapshots], title=name)
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return extremes of the tips beside those of other codes."""
         chosen = {"t_end": self.t_end, "kernel": self.kernel, "grids": self.runs()}
         codes = {key: {"value": value, "range": band} for key, (value, band) in published().items()}
         return Report(

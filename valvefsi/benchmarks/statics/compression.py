@@ -67,11 +67,9 @@ class StaticCompression(Static):
     iterative: bool = option(False, "FGMRES with multigrid instead of a factorisation, for large meshes.")
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
-        """Solve the block."""
         return solve(self.values, mesh, comm, self.solver)
 
     def compared_with(self) -> References:
-        """Return the converged value."""
         source = "mixed P2-P1 elements, 128 x 64, another script"
         known = {"u_y_top_centre_cm": [Reference(value=converged(), source=source)]}
         return known if self.published() else {}

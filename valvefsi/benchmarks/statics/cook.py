@@ -57,10 +57,8 @@ class StaticCook(Static):
     iterative: bool = option(False, "FGMRES with multigrid instead of a factorisation, for large meshes.")
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
-        """Solve the membrane."""
         return solve(self.values, mesh, comm, self.solver)
 
     def compared_with(self) -> References:
-        """Return the published band."""
         known = {"u_y_corner_cm": [Reference(band=band(), source="immersed, over kernels; second-hand")]}
         return known if self.published() else {}

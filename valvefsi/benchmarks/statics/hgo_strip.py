@@ -106,7 +106,6 @@ class Flat(Static):
     }
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
-        """Pull the sheet (collective)."""
         n, values = 2 * mesh.elements, self.values
         body = box(comm, size=(1.0, 1.0, 0.1), elements=(n, n, 1), cell=mesh.cell)
         body = body.with_fibres(fibre=fibres.constant(body, (1.0, 0.0, 0.0)))
@@ -125,7 +124,6 @@ class Flat(Static):
         return answer_of(solution, material, named, fibres=body.fibres, fibre="fibre")
 
     def compared_with(self) -> References:
-        """Return the stretches that the loads are made for."""
         one, two = self.values["stretch_1"], self.values["stretch_2"]
         pairs = zip(self.units, (one, two, 1 / (one * two)), strict=True)
         return {name: [Reference(value=v, source="sheet, S1-S3", exact=True)] for name, v in pairs}
@@ -142,7 +140,6 @@ class Ring(Static):
     units = {"u_r_inner_cm": ("cm", "u_r inside")}
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
-        """Inflate the ring (collective)."""
         radii = (self.values["inner"], self.values["outer"])
         body = thick_cylinder(comm, radii=radii, elements=mesh.elements, cell=mesh.cell)
         body = body.with_fibres(fibre=fibres.circumferential(body, degree=2))
@@ -158,7 +155,6 @@ class Ring(Static):
         return answer_of(solution, material, {"u_r_inner_cm": float(u[0])}, fibres=body.fibres, fibre="fibre")
 
     def compared_with(self) -> References:
-        """Return the growth by quadrature."""
         growth = ring_growth(self.values)
         return {"u_r_inner_cm": [Reference(value=growth, source="r^2 = R^2 + c, quadrature", exact=True)]}
 

@@ -66,7 +66,6 @@ class Beam(Static):
     units = {"z_tip_mm": ("mm", "z of the tip")}
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
-        """Bend the beam (collective)."""
         n = mesh.elements
         body = box(comm, size=(1.0, 0.1, 0.1), elements=(10 * n, n, n), cell=mesh.cell)
         body = body.with_fibres(fibre=fibres.constant(body, (1.0, 0.0, 0.0)))
@@ -77,7 +76,6 @@ class Beam(Static):
         return answer_of(solution, material, {"z_tip_mm": 10 * z}, fibres=body.fibres, fibre="fibre")
 
     def compared_with(self) -> References:
-        """Return the range over the codes, second-hand."""
         known = {"z_tip_mm": [Reference(band=beam_band(), source="Land 2015, second-hand")]}
         return known if self.published() else {}
 
@@ -93,7 +91,6 @@ class Inflation(Static):
     units = APEX
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
-        """Inflate the ellipsoid (collective)."""
         counts = (mesh.elements, 3 * mesh.elements + 3)
         body = truncated_ellipsoid(comm, short=SHORT, long=LONG, elements=counts, cell=mesh.cell)
         field = fibres.from_function(body, ellipsoid_fibres(SHORT, LONG, (90.0, -90.0)), degree=2)
@@ -135,9 +132,7 @@ class Land(StaticParts):
     problem: Sequence[int] = option((1, 2, 3), "1, 2 or 3; repeatable; all by default.", choices=(1, 2, 3))
 
     def chosen(self) -> dict[str, type[Static]]:
-        """Return the problems asked for."""
         return {PROBLEMS[number].name: PROBLEMS[number] for number in self.problem}
 
     def title(self, part: str) -> str:
-        """Return the number of the problem."""
         return part[5]

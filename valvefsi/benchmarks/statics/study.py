@@ -97,7 +97,6 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
         return {}
 
     def check(self, values: Values) -> None:
-        """Refuse a cell that the benchmark has not."""
         self.kinds()
 
     def kinds(self) -> tuple[str, ...]:
@@ -117,22 +116,18 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
         return SolverOptions(solver="fieldsplit") if self.iterative else SolverOptions()
 
     def runs(self) -> list[Mesh]:
-        """Return the meshes."""
         first = self.elements or self.coarsest
         return [Mesh(cell=c, elements=first * 2**k) for c in self.kinds() for k in range(self.refine + 1)]
 
     def references(self, comm: MPI.Comm) -> References:
-        """Return what the answers are compared with."""
         return self.compared_with()
 
     def one(self, run: Mesh, job: Job) -> Record:
-        """Solve one mesh."""
         answer = self.solve(run, job.comm)
         mesh = {"cell": run.cell, "elements": run.elements, "unknowns": answer.unknowns}
         return mesh | {"values": dict(answer.values), "_body": answer.body}
 
     def report(self, records: Sequence[Record], known: References) -> Report:
-        """Return quantities by kind of cell, with their orders, and the table."""
         chosen = {"cell": self.cell, "elements": self.elements or self.coarsest, "refine": self.refine}
         return Report(
             parameters=chosen | {"iterative": self.iterative} | self.values,
@@ -177,7 +172,6 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
         return lines
 
     def draw(self, records: Sequence[Record], known: References, out: Path) -> None:
-        """Draw the finest body of each kind of cell, and how the answers converge."""
         for cell, finest in _finest(records).items():
             if finest.get("_body") is not None:
                 caption = f"{cell}, {finest['unknowns']:,} unknowns"
@@ -209,7 +203,6 @@ class StaticParts(MeshOptions, Joined):
         self.members()
 
     def members(self) -> dict[str, Static]:
-        """Return the benchmarks with these options."""
         names = {cell: k for kind in self.parts.values() for k, cell in enumerate(kind.cells)}
         return {
             name: kind(
@@ -222,7 +215,6 @@ class StaticParts(MeshOptions, Joined):
         }
 
     def parameters_of(self, results: Mapping[str, Result]) -> dict[str, Any]:
-        """Return what was run: once where all parts have the same parameters, else by part."""
         if len({id(kind.parameters) for kind in self.parts.values()}) > 1:
             return super().parameters_of(results)
         *_, last = results.values()

@@ -100,14 +100,12 @@ class ThickShell(Static):
     units = {"u_r_inner_cm": ("cm", "u_r inside"), "u_r_outer_cm": ("cm", "u_r outside")}
 
     def check(self, values: Values) -> None:
-        """Refuse a pressure that the shell cannot bear."""
         super().check(values)
         if not values["inner"] < values["outer"]:
             raise CaseError("expected inner < outer", file="--set", key="inner", value=values["inner"])
         closed_form(self.shape, values)
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
-        """Solve a quarter of the cylinder or an eighth of the sphere (collective)."""
         solution, material = solution_of(self.shape, self.values, mesh, comm)
         rest = [0.0] * (DIM[self.shape] - 1)
         ends = [[self.values["inner"], *rest], [self.values["outer"], *rest]]
@@ -117,7 +115,6 @@ class ThickShell(Static):
         )
 
     def compared_with(self) -> References:
-        """Return the closed form."""
         pairs = zip(self.units, closed_form(self.shape, self.values), strict=True)
         return {name: [Reference(value=u, source="closed form", exact=True)] for name, u in pairs}
 

@@ -51,7 +51,6 @@ class StaticTorsion(Static):
     iterative: bool = option(False, "FGMRES with multigrid instead of a factorisation, for large meshes.")
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
-        """Solve the column with ``elements`` cells across and as many to the centimetre along (collective)."""
         width, height, n = self.values["width"], self.values["height"], mesh.elements
         along = max(1, round(n * height / width))
         body = box(comm, size=(width, height, width), elements=(n, along, n), cell=mesh.cell)
@@ -71,7 +70,6 @@ class StaticTorsion(Static):
         return answer_of(solution, material, found)
 
     def compared_with(self) -> References:
-        """Return the values of the reference table."""
         source = "mixed Q2-Q1 elements, 4 x 24 x 4, another script"
         pairs = zip(NAMES, computed().values(), strict=True)
         return {name: [Reference(value=u, source=source)] for name, u in pairs} if self.published() else {}

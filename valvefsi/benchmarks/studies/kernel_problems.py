@@ -132,15 +132,12 @@ class QuickBlock(compression.BlockSeries):
     )
 
     def read(self) -> Values:
-        """Read the parameters."""
         return GridStudy.read(self)
 
     def check(self, values: Values) -> None:
-        """Refuse nothing more: there is no case."""
         GridStudy.check(self, values)
 
     def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
-        """Return the simulation of one compressed block (collective)."""
         values = self.values
         n, along = numerics.grid, block_elements(numerics)
         load = DeadLoad(
@@ -170,7 +167,6 @@ class QuickBlock(compression.BlockSeries):
         return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
 
     def quantities(self, history: History) -> dict[str, float]:
-        """Return the means over the end of a run."""
         return {
             "u_y_top_centre_cm": late_mean(history, "u_y_top_centre_cm"),
             "change_percent": late_size(history, "block_area_change_percent"),

@@ -119,7 +119,7 @@ def _rule(
         if len(found) == len(here):
             multiples[ratio] = max(found.values())
         fits |= {name: (*fits[name], ratio) for name, multiple in found.items() if multiple <= factor}
-    top = min(multiples, key=multiples.get, default=None)
+    top = min(multiples, key=lambda ratio: multiples[ratio], default=None)
     here = [line for line in lines if line["ratio"] == top]
     return Rule(
         kernel=kernel,

@@ -64,7 +64,6 @@ class Kernels(Benchmark[One, dict[str, float]]):
     factor: float = option(3.0, "How many times the best error a recommended choice may have.", least=1.0)
 
     def check(self, values: Values) -> None:
-        """Refuse grids of no problem, and those that are too coarse."""
         if not self.ratios:
             raise CaseError("expected numbers from 0.1 to 4", key="--ratios")
         for name, n in (self.grids or {}).items():
@@ -74,7 +73,6 @@ class Kernels(Benchmark[One, dict[str, float]]):
                 raise CaseError("expected at least 8 cells", key=f"--grid {name}", value=n)
 
     def read(self) -> Values:
-        """Read the parameters of each problem, ``problem.key=value``."""
         texts = defaultdict(list)
         for text in self.overrides:
             name, dot, rest = text.partition(".")
@@ -89,7 +87,6 @@ class Kernels(Benchmark[One, dict[str, float]]):
         return HELD[self.stabilised] if problem.stabilised else (False,)
 
     def runs(self) -> list[One]:
-        """Return all runs, kernel by kernel, so that an interrupted study holds whole kernels."""
         return [
             One(
                 problem=name,
@@ -109,33 +106,26 @@ class Kernels(Benchmark[One, dict[str, float]]):
         ]
 
     def label(self, run: One) -> str:
-        """Return the name of a run."""
         return f"{run.problem} {run.numerics.name}"
 
     def place(self, run: One, out: Path) -> Path:
-        """Return the folder of a run."""
         return out / run.problem / run.numerics.name
 
     def values_of(self, run: One) -> Values:
-        """Return the parameters of a run's problem."""
         return dict(self.values[run.problem])
 
     def alike(self, run: One) -> list[Hashable]:
-        """Return kinds that a run belongs to, the narrowest first."""
         name, n = run.problem, run.numerics
         return [(name, n.coupling, n.ratio), (name, n.coupling), name, ()]
 
     def references(self, comm: MPI.Comm) -> dict[str, float]:
-        """Return the value that each problem's errors are taken against."""
         return {name: PROBLEMS[name].reference(self.values[name], comm) for name in self.problems}
 
     def one(self, run: One, job: Job) -> Record:
-        """Run one problem with one choice."""
         record = run_halving(PROBLEMS[run.problem], run.numerics, self.values_of(run), job)
         return {"problem": run.problem, **record}
 
     def report(self, records: Sequence[Record], known: dict[str, float]) -> Report:
-        """Return a line for each run, and the rules that follow."""
         lines, chosen = self.lines(records, known), [PROBLEMS[name] for name in self.problems]
         floors = {problem.name: problem.floor for problem in chosen}
         free = [problem.name for problem in chosen if not problem.stabilised]
@@ -177,7 +167,6 @@ class Kernels(Benchmark[One, dict[str, float]]):
         return lines
 
     def draw(self, records: Sequence[Record], known: dict[str, float], out: Path) -> None:
-        """Write ``kernels.csv`` and draw errors and changes of area."""
         lines = self.lines(records, known)
         write_table(out / "kernels.csv", lines)
         _draw(self, lines, out / "kernels.png")

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from valvefsi.benchmarks.options import defaults
 from valvefsi.benchmarks.studies import cost_model
 from valvefsi.benchmarks.studies.speed import PARAMETERS, machine_here
-from valvefsi.run.planning import Entry
+from valvefsi.bodies.body import Entry
 
 RANKS = (2, 64, 512)
 """Numbers of ranks that a plan is made for."""
@@ -33,7 +33,7 @@ def on_more_ranks(
     Note:
         Collective.
     """
-    value = {entry.quantity: entry.value for entry in plan}
+    value = {entry.quantity: float(entry.value) for entry in plan if not isinstance(entry.value, str)}
     step, share = value["time of a step"] * 1e-3, value["fluid's part of a step"] / 100.0
     n, steps = round(value["cells"] ** (1.0 / 3.0)), value["steps"]
     parameters = defaults(PARAMETERS) | {"advection": advection, "viscous": viscous}

@@ -12,23 +12,23 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import scipy.fft
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public
 from valvefsi.benchmarks.options import Parameters, Values, option
 from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.running import time_of_pair
 from valvefsi.benchmarks.studies import cost_model, elastic_speed
 from valvefsi.errors import CaseError
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary, Wall
-from valvefsi.fluid.direct_solver import TensorSolver
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grid import Faces, MacGrid
-from valvefsi.run.simulation import Timed
 from valvefsi.runtime import threads
+from valvefsi.runtime.clock import Timed
 
 PARAMETERS: Parameters = {
     "rho": (1.0, "g/cm^3"),
@@ -64,7 +64,6 @@ class Speed(Benchmark[int, Yardsticks]):
     model: bool = option(False, "Predict steps on many cores too.")
 
     def check(self, values: Values) -> None:
-        """Refuse the cost model in two dimensions."""
         if self.model and self.dim == 2:
             raise CaseError("the cost model is of three dimensions", key="--model", value="--dim 2")
 
@@ -74,21 +73,17 @@ class Speed(Benchmark[int, Yardsticks]):
         return solves_of(self.values)
 
     def runs(self) -> tuple[int, ...]:
-        """Return the grids."""
         return self.sizes
 
     def references(self, comm: MPI.Comm) -> Yardsticks:
-        """Measure elastic forces and, where asked for, this machine."""
         machine = machine_here(self.values, comm, self.steps) if self.model else None
         network = cost_model.measure_network(comm) if self.model else None
         return Yardsticks(elastic=elastic_speed.measure(comm), machine=machine, network=network)
 
     def one(self, run: int, job: Job) -> Record:
-        """Time steps on one grid."""
         return measure((run,) * self.dim, self.steps, self.values, job.comm)
 
     def report(self, records: Sequence[Record], known: Yardsticks) -> Report:
-        """Return steps in pairs of transforms."""
         elastic = dict(known.elastic)
         table = [_row(r, self.dim, self.values["advection"] == "xsppm7") for r in records]
         table.append(elastic.pop("row"))
@@ -127,7 +122,6 @@ class Speed(Benchmark[int, Yardsticks]):
         }, rows
 
     def draw(self, records: Sequence[Record], known: Yardsticks, out: Path) -> None:
-        """Draw the phases of a step."""
         from valvefsi.post.plots.base import phase_bars
 
         ranks = records[0]["ranks"]
@@ -230,7 +224,7 @@ def _march(
         N_old = N
         grid.comm.barrier()
         times.append(time.perf_counter() - started)
-        pairs.append(grid.comm.bcast(_time_of_pair(grid.cells[: grid.dim]) if grid.comm.rank == 0 else None))
+        pairs.append(grid.comm.bcast(time_of_pair(grid.cells[: grid.dim]) if grid.comm.rank == 0 else None))
     return times[2:], pairs[2:]
 
 
@@ -243,28 +237,20 @@ def _swirl(grid: MacGrid) -> Faces:
     return u
 
 
-def _time_of_pair(cells: Sequence[int]) -> float:
-    """Time of dctn and idctn of the grid on one thread [s]."""
-    x = np.random.default_rng(0).standard_normal(cells)
-    started = time.perf_counter()
-    scipy.fft.idctn(scipy.fft.dctn(x, workers=1), workers=1)
-    return time.perf_counter() - started
-
-
 def _clock(fluid: NavierStokes, table: dict[str, float]) -> Timed:
     """Put clocks into the parts of a fluid step, and around the step."""
-    fluid.velocity_solvers = [
-        _clock_solver(s, table, "viscous solves") for s in getattr(fluid, "velocity_solvers", ())
-    ]
-    fluid.pressure_solver = _clock_solver(fluid.pressure_solver, table, "pressure solve")
-    fluid.grid = Timed(fluid.grid, table, {"exchange": "ghosts"})
+    parts: Any = fluid
+    viscous = getattr(parts, "velocity_solvers", ())
+    parts.velocity_solvers = [_clock_solver(s, table, "viscous solves") for s in viscous]
+    parts.pressure_solver = _clock_solver(parts.pressure_solver, table, "pressure solve")
+    parts.grid = Timed(parts.grid, table, {"exchange": "ghosts"})
     kernels = {"momentum": "right-hand side", "advance": "right-hand side"}
     kernels |= {"divergence": "projection", "subtract_gradient": "projection"}
-    fluid.operators = Timed(fluid.operators, table, kernels)
+    parts.operators = Timed(parts.operators, table, kernels)
     return Timed(fluid, table, {"advection": "advection", "step": "step"})
 
 
-def _clock_solver(solver: TensorSolver, table: dict[str, float], phase: str) -> Timed:
+def _clock_solver(solver: Any, table: dict[str, float], phase: str) -> Timed:
     moves = dict.fromkeys(("forward", "backward"), f"transposes in {phase}")
     solver.transposes = tuple(t and Timed(t, table, moves) for t in solver.transposes)
     return Timed(solver, table, {"solve": phase})

@@ -10,13 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
-    from valvefsi.types import Array
+    from valvefsi.types import Array, Indices
 
 COLOURS = ("#d9a58f", "#8fb3d9", "#a9cf9b")
 VIEWS = {"from downstream": (90, -90), "from the side": (10, -60), "from upstream": (-35, -60)}
 
 
-def valve(path: Path, points: Array, faces: Array, owner: Array, *, title: str = "") -> Path:
+def valve(path: Path, points: Array, faces: Indices, owner: Indices, *, title: str = "") -> Path:
     """Draw the leaflets' outer surfaces in three views.
 
     Args:
@@ -47,7 +47,7 @@ def valve(path: Path, points: Array, faces: Array, owner: Array, *, title: str =
     return path
 
 
-def outer_faces(facets: dict[str, Array], num_nodes: int) -> tuple[Array, Array]:
+def outer_faces(facets: dict[str, Indices], num_nodes: int) -> tuple[Indices, Indices]:
     """Return all tagged faces and the leaflet of each, from its first node."""
     faces = np.concatenate(list(facets.values()))
     return faces, 1 + faces[:, 0] // (num_nodes // 3)

@@ -8,7 +8,9 @@ from valvefsi.solid.statics.problem import (
     StaticSolution,
     evaluate_at,
     solve,
+    strain_energy,
 )
+from valvefsi.solid.statics.shell import SolidShell
 from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
 
 __all__ = [
@@ -17,6 +19,7 @@ __all__ = [
     "Fixed",
     "LoadStep",
     "NearlyIncompressible",
+    "SolidShell",
     "SolverOptions",
     "StaticSolution",
     "Symmetry",
@@ -24,4 +27,5 @@ __all__ = [
     "evaluate_at",
     "rotation",
     "solve",
+    "strain_energy",
 ]

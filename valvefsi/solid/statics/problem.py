@@ -17,7 +17,8 @@ from dolfinx import fem, geometry
 from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.solid.newton import Newton
 from valvefsi.solid.statics.equilibrium import SOLVERS, Body
-from valvefsi.solid.statics.formulations import EqualOrder, NearlyIncompressible, TaylorHood
+from valvefsi.solid.statics.formulations import EqualOrder, NearlyIncompressible, TaylorHood, kinematics_of
+from valvefsi.solid.statics.shell import ShellProblem, SolidShell
 from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ __all__ = [
     "Fixed",
     "LoadStep",
     "NearlyIncompressible",
+    "SolidShell",
     "SolverOptions",
     "StaticSolution",
     "Symmetry",
@@ -149,7 +151,7 @@ def solve(
     fixed: Sequence[Fixed | Symmetry],
     loads: Sequence[DeadLoad | Pressure] = (),
     tethers: Sequence[Tether] = (),
-    formulation: Formulation = TAYLOR_HOOD,
+    formulation: Formulation | SolidShell = TAYLOR_HOOD,
     options: SolverOptions = SolverOptions(),
     on_stop: Callable[[float, StaticSolution], None] | None = None,
 ) -> StaticSolution:
@@ -168,7 +170,7 @@ def solve(
         fixed: Prescribed displacements and planes of symmetry.
         loads: Dead loads and follower pressures; their ramps in time are ignored.
         tethers: Springs to the reference position; their damping is ignored.
-        formulation: `TaylorHood`, `NearlyIncompressible` or `EqualOrder`.
+        formulation: `TaylorHood`, `NearlyIncompressible`, `EqualOrder` or `SolidShell`.
         options: Load steps, tolerance, quadrature, linear solver.
         on_stop: ``on_stop(s, solution)`` is called at each of the ``options.stops``, on all ranks; the solution is
             good until it returns.
@@ -188,7 +190,11 @@ def solve(
         tethers=tethers,
         quadrature_degree=options.quadrature_degree,
     )
-    problem = SOLVERS[options.solver](body, formulation)
+    problem = (
+        ShellProblem(body, formulation)
+        if isinstance(formulation, SolidShell)
+        else SOLVERS[options.solver](body, formulation)
+    )
     absolute = 1e-13 * material.shear_modulus * body.size ** (mesh.dim - 1)
     problem.set_tolerances(options.relative_tolerance, absolute, options.max_iterations)
     steps: list[LoadStep] = []
@@ -219,6 +225,13 @@ def _project(value: Expr, mesh: Mesh) -> fem.Function:
     newton.solve()
     newton.destroy()
     return projected
+
+
+def strain_energy(u: fem.Function, mesh: Mesh, material: Material, degree: int) -> float:
+    """Return the integral of W at a displacement, with quadrature of a degree [erg] (collective)."""
+    dX = ufl.dx(domain=mesh.mesh, degree=degree)
+    form = compat.compile_form(material.energy(kinematics_of(mesh, u)) * dX)
+    return mesh.mesh.comm.allreduce(fem.assemble_scalar(form))
 
 
 def evaluate_at(function: fem.Function, X: Sequence[float] | Array) -> Array:

@@ -1,0 +1,51 @@
+"""Texts ``key=value`` that change a benchmark's parameters."""
+
+from __future__ import annotations
+
+import pytest
+
+from valvefsi.benchmarks.options import defaults, read_parameters, read_quantities
+from valvefsi.errors import CaseError
+
+PARAMETERS = {"c1": (250.0, "dyn/cm^2"), "t_end": (2.0, "s"), "scheme": ("centred", ("centred", "upwind"))}
+
+
+def test_what_is_not_given_keeps_its_default():
+    assert read_parameters(PARAMETERS, []) == {"c1": 250.0, "t_end": 2.0, "scheme": "centred"}
+    assert defaults(PARAMETERS) == read_parameters(PARAMETERS, [])
+
+
+def test_numbers_units_and_words_are_read_and_the_last_one_counts():
+    values = read_parameters(PARAMETERS, ["c1=1 Pa", "t_end=1", "t_end = '50 ms'", "scheme=upwind"])
+    assert values == {"c1": pytest.approx(10.0), "t_end": pytest.approx(0.05), "scheme": "upwind"}
+    assert read_parameters(PARAMETERS, ["scheme='upwind'"])["scheme"] == "upwind"
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("t_edn=3", "--set: t_edn = 3: unknown parameter; did you mean 't_end'"),
+        ("x=3", "--set: x = 3: unknown parameter; there are 'c1', 't_end', 'scheme'"),
+        ("c1=3 cm", "--set: c1 = '3 cm': expected a quantity in dyn"),
+        ("c1=soft", "--set: c1 = 'soft': expected a quantity in dyn"),
+        ("c1=-1", "--set: c1 = -1: expected a positive value"),
+        ("c1=0", "--set: c1 = 0: expected a positive value"),
+        ("c1=nan", "--set: c1 = nan: expected a finite number"),
+        ("scheme=upwnd", "--set: scheme = 'upwnd': expected one of centred, upwind"),
+        ("scheme=1", "--set: scheme = 1: expected one of centred, upwind"),
+        ("c1", "--set: c1: expected key=value"),
+    ],
+)
+def test_a_wrong_parameter_is_one_clear_error(override, message):
+    with pytest.raises(CaseError) as caught:
+        read_parameters(PARAMETERS, [override])
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
+
+
+def test_quantities_may_have_any_sign():
+    assert read_quantities(PARAMETERS, ["c1=-1 Pa", "t_end=0"]) == {
+        "c1": pytest.approx(-10.0),
+        "t_end": 0.0,
+        "scheme": "centred",
+    }

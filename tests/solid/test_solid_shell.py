@@ -1,0 +1,220 @@
+"""The solid-shell element: identities, zero-energy modes, patches, bending against incompressible elements."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from valvefsi.errors import CaseError
+from valvefsi.geometry.shapes import box, rectangle
+from valvefsi.solid import statics
+from valvefsi.solid.elements.shell_layers import thickness_axes
+from valvefsi.solid.loads import Pressure
+from valvefsi.solid.materials import LeeSacks, NeoHookean, fibres
+from valvefsi.solid.materials.fibre_reinforced import HGO, FibreFamily
+from valvefsi.solid.statics import Fixed, SolidShell, TaylorHood
+from valvefsi.solid.stress import stress_of_structure
+from valvefsi.solid.structure import Discretisation, Structure
+
+SHELL = {"element": "solid_shell", "kappa": 400.0}
+SOFT = NeoHookean(c1=3.0)
+PERICARDIUM = LeeSacks(c0=676080.0, c1=132848.0, c2=38.1878)
+PORCINE = HGO(c10=1.21e4, c01=7.99, families=(FibreFamily(k1=2.426e5, k2=57.62, fibre="fibre"),))
+SHEARED = np.array([[1.05, 0.03, 0.0], [0.01, 0.97, 0.0], [0.0, 0.0, 1.0]])
+
+
+def strip(comm, *, size=(1.0, 0.5, 0.04), elements=(4, 3, 1), warp=0.0, radius=None, angle=None):
+    """A strip in the plane z = 0 that has been warped in its plane and rolled around the y axis."""
+    mesh = box(comm, lower=(0.0, 0.0, -size[2] / 2), size=size, elements=elements)
+    X = mesh.mesh.geometry.x
+    bump = warp * np.sin(math.pi * X[:, 0] / size[0]) * np.sin(math.pi * X[:, 1] / size[1])
+    X[:, 0] += bump
+    X[:, 1] -= 0.6 * bump
+    if radius:
+        turn, r = X[:, 0] / radius, radius + X[:, 2]
+        X[:, 0], X[:, 2] = r * np.sin(turn), r * np.cos(turn) - radius
+    if angle is None:
+        return mesh
+
+    def along(x):
+        turn = np.arctan2(x[:, 0], x[:, 2] + radius) if radius else np.zeros(len(x))
+        c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+        return np.stack([c * np.cos(turn), s + 0 * turn, -c * np.sin(turn)], axis=1)
+
+    return mesh.with_fibres(fibre=fibres.from_function(mesh, along))
+
+
+def shell(mesh, material=SOFT, **options):
+    return Structure(mesh, material, discretisation=Discretisation(**SHELL | options))
+
+
+def moved(X):
+    """A deformation that bends, twists, shears and thickens, the same on any number of ranks."""
+    x, y, z = X.T
+    u = np.stack([0.1 * y * z - 0.05 * x**2, 0.08 * x * y, 0.2 * x**2 + 0.1 * x * y + 0.02 * z], axis=1)
+    return X + u
+
+
+def elastic(solid, chi):
+    return solid.elasticity.force(chi).copy()
+
+
+@pytest.mark.parametrize("material", [SOFT, PORCINE], ids=["isotropic", "fibres"])
+def test_forces_are_minus_the_gradient_of_the_energy(comm, material):
+    solid = shell(strip(comm, warp=0.05, radius=1.2, angle=30.0), material)
+    chi, step = moved(solid.X), 1e-6
+    d = np.sin(7.0 * solid.X + np.arange(3))
+    slope = (solid.energy(chi + step * d) - solid.energy(chi - step * d)) / (2 * step)
+    work = comm.allreduce(float(np.vdot(elastic(solid, chi), d)))
+    assert -work == pytest.approx(slope, rel=1e-7)
+
+
+def test_a_rotation_turns_the_forces_and_keeps_the_energy(comm):
+    solid = shell(strip(comm, warp=0.05, radius=1.2, angle=30.0), PORCINE)
+    chi = moved(solid.X)
+    Q, _ = np.linalg.qr(np.array([[1.0, 2.0, 0.5], [-1.0, 1.0, 2.0], [0.3, -2.0, 1.0]]))
+    Q *= np.linalg.det(Q)
+    F = elastic(solid, chi)
+    scale = comm.allreduce(float(np.abs(F).max(initial=0.0)), op=MPI.MAX)
+    np.testing.assert_allclose(elastic(solid, chi @ Q.T + 1.0), F @ Q.T, atol=1e-9 * scale)
+    assert solid.energy(chi @ Q.T) == pytest.approx(solid.energy(chi), rel=1e-10)
+    assert comm.allreduce(float(np.abs(elastic(solid, solid.X)).max(initial=0.0)), op=MPI.MAX) < 1e-9 * scale
+
+
+def test_there_are_six_modes_without_energy_and_no_more():
+    # one element, warped, wedge-shaped: stiffness by differences of the forces
+    solid = shell(strip(MPI.COMM_SELF, size=(0.1, 0.1, 0.03), elements=(1, 1, 1), radius=0.3))
+    chi = solid.X + 0.004 * np.sin(50 * solid.X[:, [1, 2, 0]])
+    solid = shell(_placed(chi))
+    step, n = 1e-7, chi.size
+    K = np.empty((n, n))
+    for k, d in enumerate(np.eye(n).reshape(n, -1, 3)):
+        K[:, k] = -(elastic(solid, solid.X + step * d) - elastic(solid, solid.X - step * d)).ravel() / (
+            2 * step
+        )
+    values = np.linalg.eigvalsh(0.5 * (K + K.T)) / (SOFT.c1 * 0.1)
+    assert np.abs(values[:6]).max() < 1e-6
+    assert values[6] > 1e-3
+
+
+def _placed(X):
+    """A mesh of one element with these corners, in the order of its nodes."""
+    mesh = strip(MPI.COMM_SELF, size=(0.1, 0.1, 0.03), elements=(1, 1, 1), radius=0.3)
+    solid = shell(mesh)
+    for x in mesh.mesh.geometry.x:
+        x[:] = X[np.argmin(np.linalg.norm(solid.X - x, axis=1))]
+    return mesh
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+def test_a_patch_of_warped_elements_keeps_a_constant_strain(comm, layers):
+    # stretched and sheared in its plane, thinned to the same volume: no stress on its faces, so none on inner nodes
+    solid = shell(strip(comm, elements=(4, 3, layers), warp=0.06))
+    A = SHEARED.copy()
+    A[2, 2] = 1 / np.linalg.det(SHEARED)
+    F = elastic(solid, solid.X @ A.T)
+    x, y, _ = solid.X.T
+    inner = (x > 1e-9) & (x < 1 - 1e-9) & (y > 1e-9) & (y < 0.5 - 1e-9)
+    scale = comm.allreduce(float(np.abs(F).max(initial=0.0)), op=MPI.MAX)
+    assert comm.allreduce(int(inner.sum())) == 6 * (layers + 1)
+    assert np.abs(F[inner]).max(initial=0.0) < 1e-10 * scale
+    expected = SOFT.c1 / 2 * (np.sum(A**2) - 3) * 0.02
+    assert solid.energy(solid.X @ A.T) == pytest.approx(expected, rel=1e-10)
+
+
+def test_the_stress_of_a_flat_strip_is_that_of_plane_stress(comm):
+    mesh = strip(comm, warp=0.06, angle=30.0)
+    solid = shell(mesh, PORCINE)
+    A = SHEARED.copy()
+    A[2, 2] = 1 / np.linalg.det(SHEARED)
+    solid.jacobian(solid.X @ A.T)
+    found = stress_of_structure(solid, fibres=mesh.fibres, fibre="fibre")
+    values = found.at_points("cauchy", "principal_stretches", "fibre_stretch", "J")
+    B, a = A @ A.T, A @ np.array([math.cos(math.radians(30)), 0.5, 0.0])
+    family, excess = PORCINE.families[0], np.trace(B) - 3
+    stretch = max(a @ a, 1.0) - 1
+    sigma = 2 * PORCINE.c10 * PORCINE.c01 * math.exp(PORCINE.c01 * excess) * B
+    sigma = sigma + 2 * family.k1 * stretch * math.exp(family.k2 * stretch**2) * np.outer(a, a)
+    sigma = sigma - sigma[2, 2] * np.eye(3)
+    np.testing.assert_allclose(
+        values["cauchy"], np.broadcast_to(sigma, values["cauchy"].shape), atol=1e-9 * sigma.max()
+    )
+    stretches = np.broadcast_to(np.linalg.svd(A, compute_uv=False), values["principal_stretches"].shape)
+    np.testing.assert_allclose(values["principal_stretches"], stretches, rtol=1e-12)
+    np.testing.assert_allclose(values["fibre_stretch"], np.linalg.norm(a), rtol=1e-12)
+    np.testing.assert_allclose(values["J"], 1.0, rtol=1e-12)
+
+
+def test_swelling_is_held_by_the_bulk_modulus_alone(comm):
+    solid = shell(strip(comm), volumetric="quadratic")
+    chi = solid.X * np.array([1.0, 1.0, 1.02])
+    assert solid.energy(chi) == pytest.approx(0.5 * 400.0 * 0.02**2 * 0.02, rel=1e-10)
+    assert solid.volume(chi) == pytest.approx(1.02 * 0.02, rel=1e-12)
+    np.testing.assert_allclose(solid.jacobian(chi), 1.02, rtol=1e-12)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_thickness_is_found_along_any_axis_even_where_it_is_the_longest_edge(comm, axis):
+    counts, size = np.roll([8, 6, 2], axis - 2), np.roll([0.8, 0.6, 0.4], axis - 2)  # edges of 1, 1 and 2 mm
+    mesh = box(comm, size=tuple(map(float, size)), elements=tuple(map(int, counts)))
+    assert set(thickness_axes(mesh)) <= {axis}
+
+
+def test_forces_do_not_depend_on_the_number_of_ranks(comm):
+    alone, together = (
+        shell(strip(c, elements=(6, 4, 2), warp=0.05, radius=1.2, angle=30.0), PORCINE)
+        for c in (MPI.COMM_SELF, comm)
+    )
+    expected, F = elastic(alone, moved(alone.X)), elastic(together, moved(together.X))
+    order = np.empty_like(alone.ids)
+    order[alone.ids] = np.arange(len(alone.ids))
+    np.testing.assert_allclose(F, expected[order[together.ids]], atol=1e-10 * np.abs(expected).max())
+    for quantity in ("energy", "volume"):
+        values = [getattr(solid, quantity)(moved(solid.X)) for solid in (alone, together)]
+        assert values[1] == pytest.approx(values[0], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("layers", "radius", "angle", "material"),
+    [
+        (1, None, None, PERICARDIUM),
+        (2, 1.2, None, PERICARDIUM),
+        (1, 1.2, 0.0, PORCINE),
+        (1, None, 45.0, PORCINE),
+    ],
+)
+def test_strips_bend_as_incompressible_elements_do(comm, layers, radius, angle, material):
+    """A cantilever of 10 x 5 x 0.4 mm with elements of 1 mm under pressure, kappa as large as the demos'."""
+    load = Pressure(on=("z_lower",), value=0.12 * 4 * material.shear_modulus * 0.04**3 / 12)
+    tips = []
+    for elements, formulation in (((8, 4, 2), TaylorHood()), ((10, 4, layers), SolidShell(kappa=1e8))):
+        mesh = strip(comm, elements=elements, radius=radius, angle=angle)
+        options = statics.SolverOptions(quadrature_degree=7, first_increment=1.0)
+        held = [Fixed(on=("x_lower",))]
+        solution = statics.solve(
+            mesh, material, fixed=held, loads=[load], formulation=formulation, options=options
+        )
+        tips.append(np.linalg.norm(solution.displacement_at(_end(radius))))
+    assert tips[1] == pytest.approx(tips[0], rel=0.05)
+
+
+def _end(radius):
+    """The middle of the strip's end."""
+    if radius is None:
+        return 1.0, 0.25, 0.0
+    turn = 1.0 / radius
+    return (radius * math.sin(turn) - 1e-9, 0.25, radius * math.cos(turn) - radius)
+
+
+def test_what_the_element_cannot_be_is_refused(comm):
+    with pytest.raises(CaseError, match=r"element.*expected one of lagrange, solid_shell"):
+        Discretisation(element="shell")
+    with pytest.raises(CaseError, match="degree.*solid-shell elements are of degree 1"):
+        Discretisation(element="solid_shell", degree=2)
+    with pytest.raises(CaseError, match="solid-shell elements are hexahedra"):
+        shell(rectangle(comm))
+    with pytest.raises(CaseError, match="kappa.*give nu_stab or kappa"):
+        Structure(strip(comm), SOFT, nu_stab=None, discretisation=Discretisation(element="solid_shell"))
