@@ -17,7 +17,7 @@ ONE_RANK = (
     "circulation/test_linear.py",
     "circulation/test_sampling.py",
     "circulation/test_signs.py",
-    "benchmarks/test_parameters.py",
+    "benchmarks/test_options.py",
     "coupling/test_kernels.py",
     "coupling/test_offsets.py",
     "geometry/test_aortic_section.py",

@@ -19,7 +19,7 @@ def test_a_strip_of_solid_shells_bends_as_it_should_and_one_of_linear_hexahedra_
     shell = expected / _deflection(strip, strip.counts, SolidShell(kappa=strip.kappa), WORLD)
     linear = statics.NearlyIncompressible(degree=1, kappa=strip.kappa)
     assert shell == pytest.approx(1.0, abs=0.05)
-    assert expected / _deflection(strip, strip.counts, linear, WORLD) > 10.0
+    assert expected / _deflection(strip, strip.counts, linear, WORLD) > 5.0
 
 
 @pytest.mark.parametrize(
