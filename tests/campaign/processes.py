@@ -130,8 +130,14 @@ def _descends(pid: int, ancestor: int) -> bool:
 
 
 def difference(ours: Path, theirs: Path) -> float:
-    """Return the largest difference of two histories, as a part of each column's largest value."""
-    a, b = (read_history(folder / "history.csv") for folder in (ours, theirs))
+    """Return the largest difference of any history of two runs, as a part of each column's largest value."""
+    return max(_gap(ours / path.name, path) for path in theirs.glob("*.csv"))
+
+
+def _gap(ours: Path, theirs: Path) -> float:
+    if not ours.is_file():
+        return float("inf")
+    a, b = read_history(ours), read_history(theirs)
     if a.keys() != b.keys() or len(a["step"]) != len(b["step"]):
         return float("inf")
     gaps = []

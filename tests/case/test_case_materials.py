@@ -147,6 +147,7 @@ def test_a_material_of_ones_own_beside_the_case_is_used_where_it_is_trusted(shar
     assert again.solid == case.solid
 
 
+@pytest.mark.serial
 def test_a_material_of_ones_own_runs_only_where_it_is_trusted(shared_tmp, comm, monkeypatch):
     path = own_material(shared_tmp, comm)
     bite = shared_tmp / "bitten"

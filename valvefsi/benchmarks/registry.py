@@ -80,6 +80,8 @@ Solids alone (statics):
 Studies and speed:
     kernels | studies.kernels:Kernels | Every kernel at several ratios of mesh to grid, both couplings; goes on \
         where it was interrupted.
+    bulk-modulus | studies.bulk_modulus:BulkModulus | A leaflet's patch under 100 mmHg: volume, shape and stable step \
+        over the bulk modulus.
     speed | studies.speed:Speed | Time a step of the fluid against a pair of cosine transforms of the same grid.
 """
 """Group; below it name of the command, module and class, what it is."""

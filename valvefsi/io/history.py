@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import math
 import os
 import warnings
 from collections.abc import Mapping, Sequence
@@ -93,13 +94,13 @@ def read_history(path: Path) -> dict[str, list[float]]:
 def _read_rows(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:
     """Return the column names and the rows that are whole: ended by a newline, one number for each column.
 
-    Others are passed over, and so is a row whose step is not above the one before it.
+    Others are passed over, and so is a row whose step (the first column) is not above the one before it.
     """
     text = path.read_text(encoding="utf-8", errors="replace")
     *lines, rest = text.replace("\r\n", "\n").split("\n")
     columns: tuple[str, ...] = tuple(lines[0].split(",")) if lines else ()
     rows: list[list[str]] = []
-    last = -1.0
+    last = -math.inf
     for row in (line.split(",") for line in lines[1:]):
         with contextlib.suppress(ValueError):
             if len([float(value) for value in row]) == len(columns) and float(row[0]) > last:

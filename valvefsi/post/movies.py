@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from valvefsi.errors import CaseError
+from valvefsi.io.folder import replacing
 from valvefsi.io.grid_files import GridFields, nearest_time, read_grid, times_of
 from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import Body, read_body
@@ -90,10 +91,8 @@ def draw_movie(
     limits = _limits(times, plane, field)
     path.parent.mkdir(parents=True, exist_ok=True)
     frames = _frames(folder, times, plane, field, limits, path, progress)
-    if path.suffix == ".gif":
-        _write_gif(path, frames, fps)
-    else:
-        _write_mp4(path, frames, fps)
+    with replacing(path) as temporary:
+        (_write_gif if path.suffix == ".gif" else _write_mp4)(temporary, frames, fps)
     return path
 
 

@@ -249,12 +249,15 @@ def _energy(
         formulation=formulation,
         options=statics.SolverOptions(quadrature_degree=QUADRATURE, first_increment=1.0),
     )
-    u = solution.displacement
     if isinstance(formulation, SolidShell):
-        given = Discretisation(element="solid_shell", kappa=strip.kappa)
-        solid = Structure(mesh, material, discretisation=given)
-        return solid.energy(solid.X + u.x.array.reshape(-1, 3)[: len(solid.X)])
-    return statics.strain_energy(u, mesh, material, QUADRATURE)
+        solid = Structure(
+            mesh, material, discretisation=Discretisation(element="solid_shell", kappa=strip.kappa)
+        )
+    else:
+        given = Discretisation(degree=2, quadrature_degree=QUADRATURE)
+        solid = Structure(mesh, material, nu_stab=None, discretisation=given)
+    u = solution.displacement.x.array.reshape(-1, 3)[: len(solid.X)]
+    return solid.energy(solid.X + u)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from valvefsi.io.folder import replacing
+
 if TYPE_CHECKING:
     from valvefsi.types import Array, Indices
 
@@ -43,7 +45,8 @@ def valve(path: Path, points: Array, faces: Indices, owner: Indices, *, title: s
             axes.view_init(elevation, azimuth)
             axes.set_axis_off()
         figure.suptitle(title)
-        figure.savefig(path)
+        with replacing(path) as temporary:
+            figure.savefig(temporary)
     return path
 
 

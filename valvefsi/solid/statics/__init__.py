@@ -8,7 +8,6 @@ from valvefsi.solid.statics.problem import (
     StaticSolution,
     evaluate_at,
     solve,
-    strain_energy,
 )
 from valvefsi.solid.statics.shell import SolidShell
 from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
@@ -27,5 +26,4 @@ __all__ = [
     "evaluate_at",
     "rotation",
     "solve",
-    "strain_energy",
 ]

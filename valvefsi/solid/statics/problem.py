@@ -17,7 +17,7 @@ from dolfinx import fem, geometry
 from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.solid.newton import Newton
 from valvefsi.solid.statics.equilibrium import SOLVERS, Body
-from valvefsi.solid.statics.formulations import EqualOrder, NearlyIncompressible, TaylorHood, kinematics_of
+from valvefsi.solid.statics.formulations import EqualOrder, NearlyIncompressible, TaylorHood
 from valvefsi.solid.statics.shell import ShellProblem, SolidShell
 from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
 
@@ -225,13 +225,6 @@ def _project(value: Expr, mesh: Mesh) -> fem.Function:
     newton.solve()
     newton.destroy()
     return projected
-
-
-def strain_energy(u: fem.Function, mesh: Mesh, material: Material, degree: int) -> float:
-    """Return the integral of W at a displacement, with quadrature of a degree [erg] (collective)."""
-    dX = ufl.dx(domain=mesh.mesh, degree=degree)
-    form = compat.compile_form(material.energy(kinematics_of(mesh, u)) * dX)
-    return mesh.mesh.comm.allreduce(fem.assemble_scalar(form))
 
 
 def evaluate_at(function: fem.Function, X: Sequence[float] | Array) -> Array:
