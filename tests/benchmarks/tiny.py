@@ -11,6 +11,7 @@ TINY = {
     "taylor-green": {"cells": 8, "overrides": ["t_end=10.2"]},
     "cylinder": {"cells": 8, "overrides": ["t_end=0.5", "width=12"]},
     "cylinder-fitted": {"size": 0.2, "overrides": ["t_end=0.5", "width=6"]},
+    "tube": {"grid": "5 mm", "overrides": ["t_end=0.05"]},
     "leakage": {"overrides": ["h=2 mm", "dt=0.1 ms", "t_end=2 ms"]},
     "compression": {"elements": 8, "grid": 16, "overrides": ["t_end=0.1"]},
     "compression-series": {"grid": 8, "refine": 1, "overrides": ["t_end=0.1"]},
