@@ -1,7 +1,7 @@
 # Two commands do everything on a fresh machine, set-up included:  make demo,  make test
 #
 # PYTHON=/path/to/python3.13 names the interpreter; RANKS=4 the number of MPI ranks of demo and test-parallel;
-# ARGS='-k windkessel' is handed to pytest.
+# CORES=1 that of the processes of test; ARGS='-k windkessel' is handed to pytest.
 
 RANKS ?= 2
 BIN := .venv/bin
@@ -9,6 +9,11 @@ MPIRUN := $(BIN)/mpirun
 STAMP := .venv/ready
 DOCS_STAMP := .venv/docs-ready
 LOGS := build/ranks
+
+# Processes of test, one for each core; parts of test-parallel, each in processes of its own.
+CORES ?= $(shell env -u OMP_NUM_THREADS nproc 2>/dev/null || echo 1)
+PARTS := "tests/solid tests/geometry tests/io tests/runtime tests/post tests/circulation tests/verification" \
+	"tests/test_fsi.py tests/coupling tests/fluid tests/bodies tests/run tests/case tests/cli tests/benchmarks"
 
 # One thread a rank; the ranks use the cores. A test that hangs (ranks out of step) is ended and shows where.
 # PATH in test and test-slow: tests that start mpirun or valvefsi must get those of .venv.
@@ -35,15 +40,10 @@ $(STAMP): pyproject.toml
 demo: $(STAMP) ## the compressed block in a box of fluid on two ranks: table, pictures, ParaView series
 	$(MPIRUN) -n $(RANKS) $(BIN)/python -m valvefsi bench compression --overwrite --out results/compression
 
-test: $(STAMP) ## the test suite on one rank
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(PYTEST) -m 'not slow' $(ARGS)
+test: $(STAMP) ## the test suite on one rank, a process for each core
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(PYTEST) -n $(CORES) --dist worksteal -m 'not slow' $(ARGS)
 
-# In parts, each in processes of its own: an MPI library has only so many communicators, and PETSc frees them late.
-PARTS = "tests/test_*.py tests/io tests/post tests/circulation tests/fitting tests/geometry tests/runtime" \
-	"tests/case tests/cli tests/run tests/bodies tests/verification" \
-	"tests/coupling tests/fluid" "tests/solid/test_[a-l]*.py" "tests/solid/test_[m-z]*.py" "tests/benchmarks"
-
-test-parallel: $(STAMP) ## the same tests under mpirun, without those that start processes of their own
+test-parallel: $(STAMP) ## under mpirun, without the tests that start processes of their own or know of no ranks
 	@rm -rf $(LOGS) && mkdir -p $(LOGS)
 	@for part in $(PARTS); do \
 		echo "mpirun -n $(RANKS): $$part"; \

@@ -27,7 +27,7 @@ from valvefsi.run.simulation import Simulation
 from valvefsi.solid import statics
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Structure
 
 SIZE = 16  # elements along the block; the grid has twice as many cells
 OUT = Path(os.environ.get("VALVEFSI_DEMO_OUT", "results/demo_compressed_block"))
@@ -46,7 +46,6 @@ block = Structure(
     NeoHookean(c1=80.194),
     name="block",
     nu_stab=0.4,
-    discretisation=Discretisation(kernel=kernel),
     damping=4.0,
     tethers=[
         Tether(on=("bottom",), components=("y",), stiffness=1e5),

@@ -51,6 +51,8 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
     "torsion-coarse": ("Torsion, immersed", {"9 across": "bench torsion --grid 9 --stabilised both"}),
     "shell": ("Shell and membrane at rest", {"": "bench shell"}),
     "sphere": ("Soft sphere in a cavity", {"nodal": "bench sphere-in-cavity"}),
+    "tube": ("Flow in a straight tube of held points, R = 12.5 mm, h = 1 mm, over 6 s", {"": "bench tube"}),
+    "bending": ("Bending, stretching and twisting of a strip of solid-shell elements", {"": "bench bending"}),
     "cavity": (
         "Lid-driven cavity",
         {

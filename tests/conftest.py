@@ -11,6 +11,41 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import pytest
 from mpi4py import MPI
 
+ONE_RANK = (
+    "fitting",
+    "verification/test_collection.py",
+    "circulation/test_linear.py",
+    "circulation/test_sampling.py",
+    "circulation/test_signs.py",
+    "benchmarks/test_options.py",
+    "coupling/test_kernels.py",
+    "coupling/test_offsets.py",
+    "geometry/test_aortic_section.py",
+    "geometry/test_patches.py",
+    "post/test_plots.py",
+    "post/test_projected_area.py",
+    "post/test_valve_numbers.py",
+    "post/test_valve_waveform_plots.py",
+    "solid/test_material_closed_forms.py",
+    "solid/test_material_parameters.py",
+    "solid/test_materials.py",
+    "test_demos.py",
+    "test_documents.py",
+    "test_layers.py",
+    "test_readme.py",
+    "test_reference_headers.py",
+)
+"""Folders and files in which nothing knows of ranks: fits, files of numbers, energies at a point, words. Not run under
+mpirun, where every rank would do the same."""
+TESTS = Path(__file__).parent
+
+
+def pytest_ignore_collect(collection_path):
+    """Leave out what cannot differ between ranks, where there are several."""
+    if MPI.COMM_WORLD.size > 1 and collection_path.relative_to(TESTS).as_posix() in ONE_RANK:
+        return True
+    return None
+
 
 @pytest.fixture
 def comm():

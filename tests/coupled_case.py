@@ -19,7 +19,7 @@ from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.structure import Damping, Discretisation, Structure
+from valvefsi.solid.structure import Damping, Structure
 
 STEPS = 40
 DT = 0.02
@@ -45,7 +45,6 @@ def block_model(
         NeoHookean(c1=80.194),
         name="block",
         nu_stab=nu_stab,
-        discretisation=Discretisation(kernel="bspline3"),
         damping=Damping(body=damping, viscosity=viscosity, permeability=permeability),
         tethers=[
             Tether(on=("bottom",), components=("y",), stiffness=tether),

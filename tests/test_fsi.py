@@ -20,7 +20,7 @@ from valvefsi.grid import MacGrid
 from valvefsi.post import diagnostics
 from valvefsi.solid.loads import DeadLoad, Ramp
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Structure
 
 WORLD = MPI.COMM_WORLD
 
@@ -28,9 +28,7 @@ WORLD = MPI.COMM_WORLD
 def soft_square(mu=0.05, c1=4.0, loads=(), comm=WORLD):
     """A soft square in a periodic box of fluid, one edge length 0.4 in a box of 1."""
     mesh = rectangle(comm, lower=(0.3, 0.3), size=(0.4, 0.4), elements=(8, 8))
-    solid = Structure(
-        mesh, NeoHookean(c1=c1), nu_stab=0.4, discretisation=Discretisation(kernel="bspline4"), loads=loads
-    )
+    solid = Structure(mesh, NeoHookean(c1=c1), nu_stab=0.4, loads=loads)
     grid = MacGrid([0, 0], [1, 1], [20, 20], [True, True], comm)
     fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=mu)
     return Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, Coupling(grid, "bspline4")),))
@@ -157,8 +155,7 @@ def test_the_state_that_goes_in_is_not_changed():
 def soft_cube(c1=4.0, mu=0.05):
     """A soft cube of hexahedra in a periodic box, three dimensions."""
     mesh = box(WORLD, lower=(0.3,) * 3, size=(0.4,) * 3, elements=(4,) * 3)
-    discretisation = Discretisation(kernel="bspline3")
-    solid = Structure(mesh, NeoHookean(c1=c1), name="cube", nu_stab=0.4, discretisation=discretisation)
+    solid = Structure(mesh, NeoHookean(c1=c1), name="cube", nu_stab=0.4)
     grid = MacGrid([0] * 3, [1] * 3, [12] * 3, [True] * 3)
     fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=mu)
     return Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, Coupling(grid, "bspline3")),))

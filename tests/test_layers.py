@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path, PurePosixPath
 
 import pytest
+
+from tests.conftest import ONE_RANK
 
 PACKAGE = Path(__file__).parents[1] / "valvefsi"
 TESTS = Path(__file__).parent
@@ -28,6 +31,27 @@ LAYERS = [
     {"__main__"},
 ]
 LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
+
+# The same inside packages, of what has its place there.
+INSIDE = {
+    "solid": [
+        {"loads", "newton"},
+        {"materials"},
+        {"elements", "moving_tether"},
+        {"statics"},
+        {"structure", "stress", "peaks", "moving_solid"},
+        {"dynamics"},
+    ],
+    "post": [{"diagnostics", "valve_record"}, {"valve_numbers", "plots"}, {"movies"}],
+    "benchmarks": [
+        {"options", "references", "results"},
+        {"frame"},
+        {"running"},
+        {"statics", "flows"},
+        {"immersed"},
+        {"studies"},
+    ],
+}
 
 KERNELS = (
     "runtime/compiled.py",
@@ -95,6 +119,48 @@ def import_faults(node: ast.AST, where: str) -> list[str]:
     return faults
 
 
+def loaded(tree: ast.AST) -> list[ast.AST]:
+    """Return the nodes of a module without what is for the type checker alone."""
+    nodes = []
+    for node in ast.iter_child_nodes(tree):
+        if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)):
+            nodes += [node, *loaded(node)]
+    return nodes
+
+
+def modules_imported(source: str, where: str, known: set[str]) -> set[str]:
+    """Return which of the modules ``known`` a module of the package loads, by their full names."""
+    names = {name for node in loaded(ast.parse(source)) for name in imported(node, where)}
+    return {name if name in known else name.rpartition(".")[0] for name in names} & known
+
+
+def inside_faults(names: set[str], where: str) -> list[str]:
+    """Return which imports go upwards or sideways inside a package."""
+    package, _, rest = where.partition("/")
+    level = {part: k for k, parts in enumerate(INSIDE.get(package, [])) for part in parts}
+    own, faults = rest.partition("/")[0].removesuffix(".py"), []
+    for name in sorted(names):
+        root, top, part = (name.split(".") + ["", ""])[:3]
+        upward = own in level and part in level and level[part] >= level[own]
+        if (root, top) == ("valvefsi", package) and part != own and upward:
+            faults.append(f"{where}: {own} must not import {part}")
+    return faults
+
+
+def circles(imports: dict[str, set[str]]) -> list[list[str]]:
+    """Return the modules in circles of imports: what is left when those that import nothing left are taken away."""
+    left = {name: set(others) - {name} for name, others in imports.items()}
+    for _ in range(2):  # first what leads nowhere, then what nothing leads to
+        while ends := {name for name, others in left.items() if not others & left.keys()}:
+            left = {name: others for name, others in left.items() if name not in ends}
+        turned: dict[str, set[str]] = {name: set() for name in left}
+        for name, others in left.items():
+            for other in others & left.keys():
+                turned[other].add(name)
+        left = turned
+    return [sorted(left)] if left else []
+
+
 def code_lines(function: ast.FunctionDef | ast.AsyncFunctionDef, lines: list[str]) -> int:
     """Count the lines of a body without docstring, comments and blank lines."""
     body = function.body[1:] if ast.get_docstring(function) is not None else function.body
@@ -139,6 +205,55 @@ def faults_of(source: str, where: str) -> list[str]:
 def test_a_module_keeps_to_its_layer_its_fences_and_its_size(path):
     faults = faults_of(path.read_text(encoding="utf-8"), path.relative_to(PACKAGE).as_posix())
     assert not faults, "\n" + "\n".join(faults)
+
+
+def test_no_modules_import_one_another_in_a_circle_or_upwards_inside_their_package():
+    names = {
+        ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in FILES
+    }
+    imports, faults = {}, []
+    for name, path in names.items():
+        where = path.relative_to(PACKAGE).as_posix()
+        imports[name] = modules_imported(path.read_text(encoding="utf-8"), where, set(names))
+        faults += inside_faults(imports[name], where)
+    assert faults == []
+    assert circles(imports) == []
+
+
+KNOWN = {"valvefsi.solid.statics.problem", "valvefsi.solid.structure", "valvefsi.post.movies"}
+
+
+@pytest.mark.parametrize(
+    ("where", "source", "fault"),
+    [
+        (
+            "solid/materials/laws.py",
+            "from valvefsi.solid import structure",
+            "materials must not import structure",
+        ),
+        (
+            "solid/elements/mass.py",
+            "from valvefsi.solid.statics.problem import solve",
+            "elements must not import",
+        ),
+        (
+            "post/diagnostics/lines.py",
+            "def f():\n    import valvefsi.post.movies",
+            "diagnostics must not import movies",
+        ),
+    ],
+)
+def test_an_import_upwards_inside_a_package_is_noticed(where, source, fault):
+    assert fault in inside_faults(modules_imported(source, where, KNOWN), where)[0]
+    hidden = "if TYPE_CHECKING:\n    " + source.replace("\n", "\n    ")
+    assert modules_imported(hidden, where, KNOWN) == set()
+
+
+def test_a_circle_of_imports_is_noticed():
+    assert circles({"a": {"b"}, "b": {"c"}, "c": set()}) == []
+    assert circles({"a": {"b"}, "b": {"c", "d"}, "c": {"b"}, "d": set()}) == [["b", "c"]]
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}}) == [["a", "b", "c"]]
 
 
 def test_the_tests_keep_to_the_size_too():
@@ -191,6 +306,25 @@ def test_a_broken_rule_is_noticed(where, source, fault):
 @pytest.mark.parametrize(("where", "source"), GOOD, ids=[where for where, _ in GOOD])
 def test_what_the_rules_allow_passes(where, source):
     assert faults_of(source, where) == []
+
+
+def test_what_is_left_out_on_several_ranks_is_there_and_knows_of_none():
+    for name in ONE_RANK:
+        path = TESTS / name
+        assert path.exists(), f"{name} is in the list of conftest.py but not here"
+        for file in [path] if path.is_file() else path.rglob("test_*.py"):
+            if file.name != Path(__file__).name:
+                ranked = re.findall(
+                    r"\bcomm\b|shared_tmp|COMM_WORLD|MacGrid", file.read_text(encoding="utf-8")
+                )
+                assert not ranked, f"{file.name} names {ranked[0]}: it may differ between ranks"
+
+
+def test_every_folder_of_tests_runs_on_several_ranks_or_is_left_out_by_name():
+    makefile = (TESTS.parent / "Makefile").read_text(encoding="utf-8")
+    parts = makefile.split("\nPARTS := ")[1].split("\n\n")[0]
+    folders = {path.parent.relative_to(TESTS).parts[0] for path in TESTS.glob("*/**/test_*.py")}
+    assert folders <= {*re.findall(r"tests/(\w+)", parts), *ONE_RANK}
 
 
 def test_the_package_is_found():

@@ -30,7 +30,7 @@ from valvefsi.run.planning import plan, step_limits
 from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.loads import DeadLoad, Tether
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Structure
 
 WORLD = MPI.COMM_WORLD
 CASE = Path(__file__).parents[2] / "demos" / "compressed_block.toml"
@@ -42,7 +42,7 @@ WIDTH, LENGTH = 0.25, 1.0
 def disk(cells=24, elements=8, kernel="bspline3", elemental=False, c1=20.0, mu=0.02):
     """A soft square in a periodic box of fluid, edge 0.4 in 1."""
     mesh = rectangle(WORLD, lower=(0.3, 0.3), size=(0.4, 0.4), elements=(elements,) * 2)
-    solid = Structure(mesh, NeoHookean(c1=c1), name="body", discretisation=Discretisation(kernel=kernel))
+    solid = Structure(mesh, NeoHookean(c1=c1), name="body")
     grid = MacGrid([0, 0], [1, 1], [cells] * 2, [True] * 2)
     fluid = NavierStokes(grid, Boundary(grid), rho=RHO, mu=mu)
     coupling = ElementalCoupling(grid, kernel, ElementPoints(solid)) if elemental else Coupling(grid, kernel)

@@ -41,7 +41,7 @@ def leak(intervals, degree, steps=400):
         mesh,
         NeoHookean(c1=20.0),
         nu_stab=0.4,
-        discretisation=Discretisation(kernel="piecewise_linear", degree=degree),
+        discretisation=Discretisation(degree=degree),
         tethers=[Tether(stiffness=0.05 / dt**2)],
     )
     coupling = Coupling(grid, "piecewise_linear", sides.signs)

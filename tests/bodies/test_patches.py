@@ -85,7 +85,7 @@ def test_nothing_is_carried_that_is_not_held():
 
 @pytest.mark.parametrize("angle", [0, 45])
 def test_the_wall_of_a_tube_stays_where_it_is(angle, shared_tmp):
-    """Twelve cells across; with springs on every point a tenth of the flow is lost, and more with time."""
+    """Twelve cells across; springs on every point lose 4 and 7 % of the flow, and more with time."""
     t, flow = measured(shared_tmp, angle, 2.5 / 12, "t_end=1.0")
     error = 100.0 * (flow - start_up(t, 0.1))
     assert np.abs(error).max() < 1.5
@@ -94,7 +94,7 @@ def test_the_wall_of_a_tube_stays_where_it_is(angle, shared_tmp):
 
 def test_the_flow_does_not_depend_on_the_step(shared_tmp):
     long, short = (
-        measured(shared_tmp / str(step), 0, 0.25, "t_end=0.8", f"step={step}")[1][-1] for step in (0.8, 0.1)
+        measured(shared_tmp / str(step), 0, 0.25, "t_end=0.8", f"step={step}")[1][-1] for step in (0.8, 0.2)
     )
     assert short == pytest.approx(long, rel=2e-4)
 

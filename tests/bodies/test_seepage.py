@@ -19,7 +19,7 @@ from valvefsi.geometry.shapes import rectangle
 from valvefsi.grid import MacGrid
 from valvefsi.run.planning import step_limits
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.structure import Damping, Discretisation, Structure
+from valvefsi.solid.structure import Damping, Structure
 
 WORLD = MPI.COMM_WORLD
 
@@ -27,8 +27,7 @@ WORLD = MPI.COMM_WORLD
 def slab(c1, permeability):
     """A slab across a periodic box, 0.5 cm thick, without lateral contraction (nu_stab = 0)."""
     mesh = rectangle(WORLD, lower=(0.25, 0.0), size=(0.5, 1.0), elements=(20, 16))
-    kernel = Discretisation(kernel="bspline3")
-    given = {"nu_stab": 0.0, "discretisation": kernel, "damping": Damping(permeability=permeability)}
+    given = {"nu_stab": 0.0, "damping": Damping(permeability=permeability)}
     solid = Structure(mesh, NeoHookean(c1=c1), **given)
     grid = MacGrid([0, 0], [1, 1], [16, 16], [True, True])
     fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=0.05)

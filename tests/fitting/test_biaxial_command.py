@@ -181,3 +181,17 @@ fit(["biaxial", {str(record)!r}, "--fibre-angle", "0", "--starts", "2", "--out",
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "material.toml").exists()
+
+
+def test_where_the_angle_is_free_the_profiles_are_printed_and_what_the_covariances_are_is_said():
+    data = synthetic(HGO(), [1.5, 5.0, 0.12, 25.0, 20.0, 8.0], noise=0.02, seed=1)
+    found = fit_biaxial(data, "hgo", starts=6, draws=0)
+    entries = found.report.parameters()
+    assert all(entry["ci95_method"] == "profile likelihood" for entry in entries.values())
+    (line,) = [line for line in found.lines() if "profile likelihoods" in line]
+    said = dict(part.split() for part in line.rsplit(": ", 1)[1].split(", "))
+    assert {"angle", "k1"} <= set(said)
+    for name, ratio in said.items():
+        expected = np.ptp(entries[name]["ci95"]) / np.ptp(entries[name]["ci95_covariance"])
+        assert float(ratio) == pytest.approx(expected, rel=0.06)
+        assert not 0.8 < expected < 1.25

@@ -121,7 +121,7 @@ def test_a_bad_file_is_refused_by_row_and_column(tmp_path, lines, place, reason)
 
 
 @pytest.mark.parametrize(
-    "name", ["p_ao_sd", "sd_p_ao", "p_ao_sd_mmHg", "SD P_Ao (mmHg)", "p_ao_std", "q_ao_err"]
+    "name", ["p_ao_sd", "sd_p_ao", "p_ao_sd_mmHg", "SD P_Ao (mmHg)", "p_ao_std", "q_ao_err", "SEM"]
 )
 def test_a_column_of_standard_deviations_is_passed_over_with_a_note(tmp_path, name):
     lines = [f"{GOOD[0]},{name}", *(f"{line},0.5" for line in GOOD[1:])]
@@ -225,19 +225,6 @@ def test_damaged_files_never_end_in_a_traceback(tmp_path):
             assert (np.diff(waves.t) > 0).all()
 
     damage()
-
-
-def with_column(heading):
-    return [f"{GOOD[0]},{heading}", *(f"{line},1.5" for line in GOOD[1:])]
-
-
-@pytest.mark.parametrize(
-    "heading", ["p_lv_sd", "sd_p_lv", "p_lv_std_mmHg", "q_ao SD [ml/s]", "SEM", "p_ao_err"]
-)
-def test_a_column_of_scatter_is_passed_over_with_a_note(tmp_path, heading):
-    waves = read_waveforms(table(tmp_path, with_column(heading)))
-    assert set(waves.values) == {"p_ao", "q_ao"}
-    assert waves.notes == (f"columns passed over: {heading}",)
 
 
 def test_values_that_nothing_reaches_are_refused(tmp_path):

@@ -74,10 +74,14 @@ Solids alone (statics):
         against their closed forms.
     hgo-strip | statics.hgo_strip:HgoStrip | A strip of the HGO material, flat and inflated as a ring, against \
         the homogeneous solution (S1-S3).
+    bending | statics.bending:Bending | A strip of solid-shell elements bent, pulled and twisted, against \
+        incompressible elements.
     land | statics.land:Land | Land et al. 2015, cardiac mechanics: beam, inflation, contraction.
 Studies and speed:
     kernels | studies.kernels:Kernels | Every kernel at several ratios of mesh to grid, both couplings; goes on \
         where it was interrupted.
+    bulk-modulus | studies.bulk_modulus:BulkModulus | A leaflet's patch under 100 mmHg: volume, shape and stable step \
+        over the bulk modulus.
     speed | studies.speed:Speed | Time a step of the fluid against a pair of cosine transforms of the same grid.
 """
 """Group; below it name of the command, module and class, what it is."""

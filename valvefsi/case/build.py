@@ -210,7 +210,6 @@ def _discretisation(solid: Solid) -> Discretisation:
         element=solid.element,
         degree=solid.degree,
         quadrature_degree=solid.quadrature_degree,
-        kernel=solid.kernel,
         volumetric=solid.volumetric,
         kappa=solid.kappa,
         volumetric_degree=solid.volumetric_degree,

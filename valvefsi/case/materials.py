@@ -238,7 +238,7 @@ def _schema_of(kind: type) -> tuple[dict[str, object], list[str]]:
             item = {"type": "object", "properties": inner, "required": needed, "additionalProperties": False}
             properties[field.name] = {"type": "array", "items": item, "description": about}
         elif what == "direction":
-            text = f"{about}: name of a fibre field, angle to the x axis [deg], or vector"
+            text = f"{about}: name of a fibre field, angle to the x axis [deg], angle from circumferential, or vector"
             properties[field.name] = {"type": ["string", "number", "array"], "description": text}
         else:
             text = f"{about} [{_unit(field)}]" if about else str(_unit(field))

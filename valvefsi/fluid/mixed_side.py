@@ -8,8 +8,6 @@ modes are corrected before they are transformed back.
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import scipy.linalg
 from mpi4py import MPI
@@ -131,13 +129,9 @@ class PressureCorrection:
         grid: The grid.
         solver: Poisson solver with walls on the mixed sides.
         boundary: The sides.
-
-    Attributes:
-        setup_s: Wall-clock time of the set-up [s].
     """
 
     def __init__(self, grid: MacGrid, solver: TensorSolver, boundary: Boundary) -> None:
-        started = time.perf_counter()
         self.grid, self.solver = grid, solver
         self.modes = modes = SideModes(grid, solver, boundary)
         widths = [grid.cell_widths[modes.axis][-1 if place.upper else 0] for place in modes.places]
@@ -150,7 +144,6 @@ class PressureCorrection:
             one = np.ones((modes.num, 1))
             system = np.block([[system, one], [volume[None, :], np.zeros((1, 1))]])
         self.factors = scipy.linalg.lu_factor(system)
-        self.setup_s = time.perf_counter() - started
 
     def solve(self, r: Array) -> Array:
         """Return x with (D0 + D1 + D2) x = r (collective).

@@ -22,7 +22,6 @@ from petsc4py import PETSc
 
 from valvefsi.errors import CaseError
 from valvefsi.solid.elements.numbering import number_nodes
-from valvefsi.solid.elements.shell_elasticity import ShellElasticity
 from valvefsi.solid.materials import Volumetric
 from valvefsi.solid.materials.kinematics import Kinematics
 
@@ -217,8 +216,10 @@ def stress_of_solution(solution: StaticSolution, material: Material, **options: 
 
 def stress_of_structure(structure: Structure, **options: Any) -> Stress:
     """Return the stress of a structure at the position its `force` was last called with (collective)."""
-    if isinstance(structure.elasticity, ShellElasticity):
-        return structure.elasticity.stress(**options)
+    own = getattr(structure.elasticity, "stress", None)  # of elements whose strain is not that of their nodes
+    if own is not None:
+        stress: Stress = own(**options)
+        return stress
     position = structure.elasticity.position
     return Stress(position, structure.material, of_position=True, kappa=structure.kappa, **options)
 

@@ -40,12 +40,11 @@ ELEMENTS = ("lagrange", "solid_shell")
 
 @dataclass(frozen=True, kw_only=True)
 class Discretisation:
-    """How a solid is discretised and coupled.
+    """How a solid is discretised.
 
     Args:
         degree: Degree of the Lagrange elements, 1 or 2.
         quadrature_degree: Degree of the quadrature of the elastic forces; None takes 2 degree + 1.
-        kernel: Name of the regularised delta function (the coupling reads it).
         volumetric: Volumetric energy of the stabilisation, see `Volumetric`.
         kappa: Numerical bulk modulus instead of the one that nu_stab gives, 0 for off [dyn/cm^2].
         volumetric_degree: Degree of the quadrature of what kappa adds to the bulk modulus of nu_stab, which keeps
@@ -57,7 +56,6 @@ class Discretisation:
     element: str = "lagrange"
     degree: int = 1
     quadrature_degree: int | None = None
-    kernel: str = "bspline3"
     volumetric: str = "log"
     kappa: float | None = None
     volumetric_degree: int | None = None
@@ -157,7 +155,7 @@ class Structure:
         material: Isochoric energy.
         name: Name in files and messages.
         nu_stab: Numerical Poisson ratio of the stabilisation (S22); None for off.
-        discretisation: Degree, quadrature, kernel.
+        discretisation: Degree, quadrature.
         damping: What takes energy from it; a number is the body damping eta [dyn s/cm^4].
         tethers: Springs that hold it.
         loads: Dead loads.
@@ -180,7 +178,7 @@ class Structure:
     ) -> None:
         given = damping if isinstance(damping, Damping) else Damping(body=damping)
         self.name, self.mesh, self.material = name, mesh, material
-        self.discretisation, self.kernel = discretisation, discretisation.kernel
+        self.discretisation = discretisation
         self.damping, self.permeability, self.nu_stab = given.body, given.permeability, nu_stab
         self.tethers, self.loads = tuple(tethers), tuple(loads)
         self.comm, self.dim = mesh.mesh.comm, mesh.mesh.geometry.dim

@@ -214,7 +214,7 @@ def test_progress_says_what_is_next_and_how_long_it_may_take():
         ({"ratios": (0.01,)}, "from 0.1 to 4"),
         ({"grids": {"cook": 2}}, "at least 8"),
         ({"grids": {"torsion": 20}}, "compression"),
-        ({"factor": 0.5}, "1 or more"),
+        ({"factor": 0.5}, "of at least 1"),
         ({"nu_stab": 0.5}, "below 0.5"),
     ],
 )

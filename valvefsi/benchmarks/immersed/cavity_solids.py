@@ -35,7 +35,7 @@ from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.geometry.blocks import ball
 from valvefsi.grid import MacGrid
 from valvefsi.run.simulation import timed
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
 from valvefsi.verification.convergence import observed_order
 
@@ -122,7 +122,6 @@ class SoftBody(Benchmark[int, None]):
             SoftMatter(c1=values["c1"], p0=values["p0"]),
             name=self.body,
             nu_stab=numerics.nu_stab,
-            discretisation=Discretisation(kernel=numerics.kernel),
         )
         grid = MacGrid([0.0] * dim, [1.0] * dim, [n] * dim, [False] * dim, comm)
         sides = Boundary(grid, {"y_upper": Wall(velocity=(values["lid"],) + (0.0,) * (dim - 1))})

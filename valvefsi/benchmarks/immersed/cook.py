@@ -31,7 +31,7 @@ from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Structure
 
 PARAMETERS: Parameters = {
     "traction": (6.25, "dyn/cm^2"),
@@ -81,7 +81,6 @@ class Cook(GridStudy):
             NeoHookean(c1=values["c1"]),
             name="membrane",
             nu_stab=numerics.nu_stab,
-            discretisation=Discretisation(kernel=numerics.kernel),
             damping=values["damping"],
             tethers=[Tether(on=("left",), stiffness=values["tether_stiffness"])],
             loads=[load],

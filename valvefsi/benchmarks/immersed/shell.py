@@ -32,7 +32,7 @@ from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.geometry.blocks import ring
 from valvefsi.grid import MacGrid
 from valvefsi.solid.materials.fibres import circumferential
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
 from valvefsi.verification.convergence import observed_order, ratios_of
 from valvefsi.verification.norms import error_norms
@@ -239,9 +239,7 @@ def shell_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[st
     counts = (round(2 * math.pi * (radius + wall) / size), max(1, round(wall / size)))
     mesh = ring(comm, centre=CENTRE, radii=(radius, radius + wall), elements=counts)
     mesh = mesh.with_fibres(around=circumferential(mesh, through=CENTRE))
-    solid = Structure(
-        mesh, FibreTension(), nu_stab=None, discretisation=Discretisation(kernel=numerics.kernel)
-    )
+    solid = Structure(mesh, FibreTension(), nu_stab=None)
     grid, fluid = _box(n, values, comm)
     model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, couple(fluid, solid, numerics)),))
     state = _relax(model, n, values)

@@ -37,7 +37,7 @@ from valvefsi.solid.loads import Ramp, Tether
 from valvefsi.solid.materials import MooneyRivlin
 from valvefsi.solid.moving_tether import MovingTether
 from valvefsi.solid.statics.supports import rotation
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Structure
 
 PARAMETERS = {
     "c1": (9000.0, "dyn/cm^2"),
@@ -87,7 +87,6 @@ class Torsion(GridStudy):
             MooneyRivlin(c1=values["c1"], c2=values["c2"]),
             name="column",
             nu_stab=numerics.nu_stab,
-            discretisation=Discretisation(kernel=numerics.kernel),
             damping=values["damping"],
             tethers=[
                 Tether(on=("y_lower",), stiffness=stiffness),

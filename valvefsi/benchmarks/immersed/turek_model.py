@@ -97,7 +97,7 @@ def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> tuple[fsi.
         NeoHookean(c1=plate_modulus(values)),
         name="flag",
         nu_stab=values["nu_stab"],
-        discretisation=Discretisation(degree=2, kernel=kernel),
+        discretisation=Discretisation(degree=2),
         tethers=[Tether(on=("root",), **hold)],
     )
     coupling = Coupling(grid, kernel)

@@ -102,7 +102,7 @@ def channel(cells: int, comm: MPI.Comm) -> MacGrid:
 def solid_of(mesh: SolidMesh, values: Values, kernel: str) -> Structure:
     """Return the leaflets of a mesh, as stiff as the published plate (collective)."""
     plate = values["E"] / (1.0 - values["nu"] ** 2)
-    quadratic = Discretisation(degree=2, kernel=kernel)
+    quadratic = Discretisation(degree=2)
     material = NeoHookean(c1=0.25 * plate)
     return Structure(mesh, material, name="leaflets", nu_stab=values["nu_stab"], discretisation=quadratic)
 

@@ -34,7 +34,7 @@ from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Simulation
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.structure import Discretisation, Structure
+from valvefsi.solid.structure import Structure
 
 BOX, LOWER, SIZE, TOP = 40.0, (10.0, 15.0), (20.0, 10.0), (20.0, 25.0)
 """Edge of the box of the compressed block, the block's lower corner and edges, the centre of its top [cm]."""
@@ -151,7 +151,6 @@ class QuickBlock(compression.BlockSeries):
             NeoHookean(c1=values["c1"]),
             name="block",
             nu_stab=numerics.nu_stab,
-            discretisation=Discretisation(kernel=numerics.kernel),
             damping=values["damping"],
             tethers=[
                 Tether(on=("bottom",), components=("y",), stiffness=stiffness),

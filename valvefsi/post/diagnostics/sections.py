@@ -68,11 +68,6 @@ class Section:
             area = np.diff(np.diff(_covered(x[:, None], y, self.radius), axis=0), axis=1)
         return np.expand_dims(area, a)
 
-    @property
-    def name_of_axis(self) -> str:
-        """Its axis as a letter."""
-        return "xyz"[self.axis]
-
 
 def _covered(x: Array, y: Array, r: float) -> Array:
     """Area of the part of a disk about the origin with X < x and Y < y."""

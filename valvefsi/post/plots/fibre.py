@@ -48,6 +48,6 @@ def fibre_picture(path: str | Path, points: Array, vectors: Array, *, title: str
     else:
         axes.set_box_aspect(np.maximum(np.ptp(lines.reshape(-1, 3), axis=0), 1e-3 * length))
     axes.set_title(title or f"{len(points)} fibres (red x, green y, blue z)")
-    with replacing(path) as temporary:
+    with replacing(Path(path)) as temporary:
         figure.savefig(temporary, dpi=150)
     return Path(path)

@@ -82,6 +82,7 @@ class ShellCells:
         self.m.x.array[:] = self.M.x.array
         self.fibres = {name: self._constant(vectors) for name, vectors in fibres.items()}
         self.at = tuple(ufl.SpatialCoordinate(self.mesh))
+        self.bulk_factor = fem.Constant(self.mesh, 1.0)
         self._material, self._columns, self._mean = material, columns, mean
         self._compile()
 
@@ -121,7 +122,7 @@ class ShellCells:
 
     def _mean_energy(self, m: Expr) -> Expr:
         V = _volume(self.M)
-        return self._mean.energy(_Volume(_volume(m) / V)) * V / 8
+        return self.bulk_factor * self._mean.energy(_Volume(_volume(m) / V)) * V / 8
 
     def pressure(self) -> Expr:
         """Return U_1' at J of the column through the point and U_2' at that of the cell [dyn/cm^2]."""
@@ -153,6 +154,11 @@ class ShellCells:
         self._out[:] = 0.0
         fem.assemble_vector(self._out, self._force_form, self._constants, self._coefficients())
         return self._out.reshape(-1, MODES, 3)
+
+    def scale_bulk(self, factor: float) -> None:
+        """Multiply the energy U_2 by a factor from now on."""
+        self.bulk_factor.value = factor
+        self._constants = compat.pack_constants(self._force_form)
 
     @functools.cached_property
     def _tangent(self) -> tuple[fem.Form, PETSc.Mat]:

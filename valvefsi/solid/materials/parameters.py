@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from valvefsi.errors import CaseError
 
 Direction = str | float | tuple[float, ...]
-"""A direction in the reference state: the name of a fibre field of the mesh, an angle to the x axis in the x-y
+"""A direction in the reference state: the name of a fibre field of the mesh (or, in a case, "45 deg from
+circumferential", from a leaflet's circumferential towards its radial direction), an angle to the x axis in the x-y
 plane [deg], or a vector of any length."""
 
 if TYPE_CHECKING:

@@ -151,7 +151,7 @@ def solve(
     fixed: Sequence[Fixed | Symmetry],
     loads: Sequence[DeadLoad | Pressure] = (),
     tethers: Sequence[Tether] = (),
-    formulation: Formulation = TAYLOR_HOOD,
+    formulation: Formulation | SolidShell = TAYLOR_HOOD,
     options: SolverOptions = SolverOptions(),
     on_stop: Callable[[float, StaticSolution], None] | None = None,
 ) -> StaticSolution:

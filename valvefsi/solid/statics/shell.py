@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from valvefsi.solid.statics.equilibrium import Body
     from valvefsi.types import Array, Mesh
 
+SOFTENING = (0.01, 0.1, 1.0)
+"""Parts of the bulk modulus of whole elements with which a load step is solved, one after the other."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SolidShell:
@@ -88,7 +91,24 @@ class ShellProblem:
         self.elements = elements
         self.prescribed = Prescribed(body.mesh, space, body.fixed())
         self.newton = ShellNewton(self.state, residual, self.prescribed.conditions, elements)
-        self.set_tolerances, self.solve = self.newton.set_tolerances, self.newton.solve
+        self.set_tolerances = self.newton.set_tolerances
+
+    def solve(self) -> tuple[bool, int]:
+        """Run Newton's method from the present state, first with a soft bulk modulus, then with all of it.
+
+        A linear step lengthens the director of an element that turns, and with it the volume: a large bulk modulus
+        makes of that a stress whose geometric stiffness leads the next step astray.
+        """
+        start, total = self.state.x.array.copy(), 0
+        for factor in SOFTENING:
+            self.elements.cells.scale_bulk(factor)
+            converged, iterations = self.newton.solve()
+            total += iterations
+            if not converged:
+                self.state.x.array[:] = start
+                break
+        self.elements.cells.scale_bulk(1.0)
+        return converged, total
 
     def set_factor(self, s: float) -> None:
         """Set the load factor of loads and prescribed displacements."""
