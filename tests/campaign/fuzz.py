@@ -29,6 +29,8 @@ from valvefsi.geometry.mesh import read_mesh
 
 REFUSED, ACCEPTED, FAILED = "refused in one line", "accepted, sound", "run failed in one line"
 PATIENCE = 20
+TIMERS = ((signal.SIGPROF, signal.ITIMER_PROF, 1), (signal.SIGALRM, signal.ITIMER_REAL, 6))
+"""A hang is 20 s of computing, or 120 s by the clock where the machine is busy."""
 SMALL = """
 title = "stirred block"
 [grid]
@@ -330,8 +332,9 @@ def one(kind: str, seed: int, number: int, folder: Path) -> str:
     place.mkdir(parents=True)
     if kind == "folders":
         whole(folder)
-    signal.signal(signal.SIGALRM, _late)
-    signal.alarm(PATIENCE)
+    for number, timer, patience in TIMERS:
+        signal.signal(number, _late)
+        signal.setitimer(timer, patience * PATIENCE)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -346,7 +349,8 @@ def one(kind: str, seed: int, number: int, folder: Path) -> str:
     except Exception as error:
         outcome = f"TRACEBACK: {type(error).__name__}: {str(error)[:150]!r}"
     finally:
-        signal.alarm(0)
+        for _, timer, _ in TIMERS:
+            signal.setitimer(timer, 0)
     if outcome in (REFUSED, ACCEPTED) or outcome.startswith("resumed"):
         shutil.rmtree(place, ignore_errors=True)
     return outcome
