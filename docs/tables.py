@@ -30,6 +30,7 @@ SUMMARY = (
     ("E.1, compressed block: incompressible statics", "statics", r"E\.1", r"^u_y"),
     ("E.1 immersed, 128 x 128 cells", "compression-grids", "64 x 32, 128 x 128", "^u_y"),
     ("E.2, torsion of a column by 2.5 pi: statics", "statics", r"E\.2", "^u_y, 1 of"),
+    ("leaflet strip, solid shell: bending stiffness ratio", "bending", "", "^stiffness_ratio$"),
     ("FSI3, flag behind a cylinder: u_y, amplitude", "turek-fsi3", "12 cells", "^u_y.*amplitude"),
     ("the same, frequency", "turek-fsi3", "12 cells", "^u_y, freq"),
     ("FSI2, density ratio 10: u_y, amplitude", "turek-fsi2", "8 cells", "^u_y.*amplitude"),
