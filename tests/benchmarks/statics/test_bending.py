@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from mpi4py import MPI
 
+from valvefsi.benchmarks.statics import bending
 from valvefsi.benchmarks.statics.bending import REFERENCE, Bending, _deflection
 from valvefsi.errors import CaseError
 from valvefsi.solid import statics
@@ -20,6 +21,22 @@ def test_a_strip_of_solid_shells_bends_as_it_should_and_one_of_linear_hexahedra_
     linear = statics.NearlyIncompressible(degree=1, kappa=strip.kappa)
     assert shell == pytest.approx(1.0, abs=0.05)
     assert expected / _deflection(strip, strip.counts, linear, WORLD) > 5.0
+
+
+def test_a_study_writes_the_ratios_and_their_convergence(shared_tmp, monkeypatch):
+    """On fewer incompressible elements than the command takes."""
+    monkeypatch.setattr(bending, "REFERENCE", (10, 4, 1))
+    monkeypatch.setattr(bending, "TURNED", (8, 2, 1))
+    monkeypatch.setattr(bending, "QUADRATURE", 5)
+    result = Bending(edge=1.25).run(out=shared_tmp)
+    ratios = result["quantities"]
+    assert ratios["stiffness_ratio"] == pytest.approx(1.0, abs=0.05)
+    assert ratios["stiffness_ratio_90"] == pytest.approx(1.0, abs=0.05)
+    assert ratios["twist_ratio"] == pytest.approx(1.0, abs=0.05)
+    assert result["series"]["layers_1"][1] == pytest.approx(ratios["stiffness_ratio"], rel=1e-6)
+    assert min(result["series"]["linear_hexahedra"]) > 3.0  # they lock
+    if WORLD.rank == 0:
+        assert (shared_tmp / "bending.png").stat().st_size > 0
 
 
 @pytest.mark.parametrize(
