@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from valvefsi.benchmarks.flows.wall_offset import wall_offset
 
 from valvefsi.coupling.kernels import BSPLINE, weights_at
 from valvefsi.coupling.offsets import surface_offset
+from valvefsi.coupling.wall_offset import wall_offset
 
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 DIAGONAL = np.array([[1.0, 1.0, 0.0]]) / math.sqrt(2.0)
@@ -24,7 +24,7 @@ def diagonal_offset(points_x, points_y):
     """The offset at 45 degrees by summation: along diagonals i + j = m the grid's Laplacian is twice that of a line.
 
     A plane's density on the diagonals is the mean of its points' weights along it; the flow in front of it as in
-    `valvefsi.benchmarks.flows.wall_offset`, with diagonals 1 / sqrt(2) apart.
+    `valvefsi.coupling.wall_offset`, with diagonals 1 / sqrt(2) apart.
     """
     wx, wy, offset, n = np.zeros(points_x), np.zeros(points_y), 0.0, 60
     for place in np.arange(n) / n:
