@@ -115,6 +115,17 @@ def test_points_slip_back_to_their_place():
     np.testing.assert_allclose(one - two, 0.3 * d, rtol=1e-9, atol=1e-15)
 
 
+def test_slip_may_differ_by_point_and_component():
+    surface = one_point(stiffness=3.0, damping=4.0, slip=np.array([[0.0, 10.0, 40.0]]))
+    half = surface.half({"d": np.array([[1.0, 2.0, 3.0]])}, surface_at_rest(), 0.0, 0.01, 0.01)
+    np.testing.assert_allclose(half.whole(np.zeros((1, 3)))["d"], [[1.0, 1.8, 1.8]], rtol=1e-14)
+
+
+def surface_at_rest():
+    """A velocity of zero on the grid of `one_point`, ghosts included."""
+    return MacGrid([0.0] * 3, [1.0] * 3, (8, 8, 8), [False] * 3, MPI.COMM_SELF).zero_faces()
+
+
 def test_a_point_too_near_to_a_side_is_refused():
     grid = MacGrid([0.0] * 3, [1.0] * 3, (10, 10, 10), [False] * 3, MPI.COMM_SELF)
     coupling = Coupling(grid, "piecewise_linear")

@@ -160,6 +160,11 @@ def test_the_housing_has_its_stent_and_is_held_as_firmly_as_asked(shared_tmp):
     held = 0.1 * case.fluid.density * 0.2 / largest_square_sum("composite_bspline32")
     assert rigid.stiffness == pytest.approx(held / case.dt**2)
     assert rigid.damping == pytest.approx(held / case.dt)
+    # A side's velocity cannot be held: along its normal the points in its reach slip, and nothing else does.
+    low, high = case.grid.bounds[2]
+    ends = (rigid.X[:, 2] < low + 1.49 * 0.2) | (rigid.X[:, 2] > high - 1.49 * 0.2)
+    assert 0 < grid.comm.allreduce(int(ends.sum())) < 0.2 * rigid.num_points
+    np.testing.assert_allclose(case.dt * rigid.slip, 0.5 * np.outer(ends, [0.0, 0.0, 1.0]))
     bare = case.model_copy(update={"housing": case.housing.model_copy(update={"stent": None})})
     assert build_rigid(bare, grid)[0].num_points == len(tube.points)
 

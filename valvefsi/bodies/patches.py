@@ -44,6 +44,7 @@ class PatchedSurface(RigidSurface):
         name: Name in files.
         stiffness: kappa per area [dyn/cm^3].
         damping: eta per area [dyn s/cm^3].
+        slip: Rate at which points slip back by point and component, see `RigidSurface`, 0 in patches [1/s].
 
     Raises:
         StabilityError: A point lies too near to a side, on the rank of the point.
@@ -59,6 +60,7 @@ class PatchedSurface(RigidSurface):
         name: str,
         stiffness: float,
         damping: float,
+        slip: float | Array = 0.0,
     ) -> None:
         super().__init__(
             surface.points,
@@ -67,6 +69,7 @@ class PatchedSurface(RigidSurface):
             name=name,
             stiffness=stiffness,
             damping=damping,
+            slip=slip,
             faces=surface.faces,
         )
         self.patches = Patches(labels, surface.normals, surface.areas).on(self.ids, coupling.grid.comm)

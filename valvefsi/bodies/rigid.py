@@ -67,8 +67,8 @@ class RigidSurface(BodyBase):
         name: Name in files.
         stiffness: kappa per area [dyn/cm^3].
         damping: eta per area [dyn s/cm^3].
-        slip: Rate at which a point slips back through the fluid to its place [1/s]; a traction f drives fluid through
-            the surface with slip f / kappa.
+        slip: Rate at which a point slips back through the fluid to its place, one for all or by point and component,
+            ``(num_points, 3)`` [1/s]; a traction f drives fluid through the surface with slip f / kappa.
         faces: Corners of quadrilaterals between the points, for pictures, ``(m, 4)``.
 
     Attributes:
@@ -89,18 +89,19 @@ class RigidSurface(BodyBase):
         name: str,
         stiffness: float,
         damping: float,
-        slip: float = 0.0,
+        slip: float | Array = 0.0,
         faces: Indices | None = None,
     ) -> None:
-        if not stiffness > 0.0 or not damping >= 0.0 or not slip >= 0.0:
+        if not stiffness > 0.0 or not damping >= 0.0 or not np.min(slip, initial=np.inf) >= 0.0:
             message = "expected stiffness > 0, damping >= 0 and slip >= 0"
             raise ValueError(f"{message}, got {stiffness}, {damping}, {slip}")
         self.name, self.comm = name, coupling.grid.comm
-        self.stiffness, self.damping, self.slip = float(stiffness), float(damping), float(slip)
+        self.stiffness, self.damping = float(stiffness), float(damping)
         self.ids = np.asarray(coupling.own(points), dtype=np.int64)
         self.num_points = len(points)
         self.points, self.faces = points, faces
         self.X: Array = np.ascontiguousarray(points[self.ids])
+        self.slip = slip if isinstance(slip, float | int) else np.asarray(slip, dtype=float)[self.ids]
         self.transfer: Transfer = coupling.stay(self.X)
         self.weights = areas[self.ids]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 from mpi4py import MPI
 
 from valvefsi.bodies.patches import PatchedSurface
@@ -20,7 +21,7 @@ from valvefsi.geometry.valve import ValveMesh, distribute, mesh_valve
 from valvefsi.grid import MacGrid
 from valvefsi.run.recording import Orifice
 from valvefsi.solid.materials import fibres
-from valvefsi.types import Indices
+from valvefsi.types import Array, Indices
 
 KERNEL = "composite_bspline32"
 """Kernel of rigid surfaces: it turns a uniform pressure on them into the gradient of one."""
@@ -103,6 +104,7 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
             name="housing",
             stiffness=share / case.dt**2,
             damping=share / case.dt,
+            slip=_end_slip(case, surface),
         )
     except StabilityError as error:
         message = f"the housing does not fit into the core of the box: {error}"
@@ -112,6 +114,20 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
     raise_together(grid.comm, problem)
     assert rigid is not None  # or all ranks have raised
     return (rigid,)
+
+
+def _end_slip(case: Case, surface: PointSurface) -> Array:
+    """Return the rate at which points slip back, by component, ``(num_points, 3)`` [1/s].
+
+    Points whose kernel reaches the faces of a side see the velocity there, which no force changes: along the side's
+    normal they would be carried on for as long as a run lasts, and push the fluid beside them harder and harder. There
+    they slip back half their way in a step; what bears pressures, across the wall, is held as everywhere.
+    """
+    h, (low, high) = case.grid.spacing, case.grid.bounds[2]
+    z, reach = surface.points[:, 2], 1.5 * h - 1e-9
+    slip = np.zeros_like(surface.points)
+    slip[(z < low + reach) | (z > high - reach), 2] = 0.5 / case.dt
+    return slip
 
 
 def _patched_section(case: Case) -> tuple[PointSurface, Indices]:
