@@ -14,7 +14,7 @@ def test_a_study_writes_the_ratios_and_their_convergence(comm, shared_tmp, monke
     monkeypatch.setattr(bending, "REFERENCE", (10, 4, 1))
     monkeypatch.setattr(bending, "TURNED", (8, 2, 1))
     monkeypatch.setattr(bending, "QUADRATURE", 5)
-    bending.study(bending.Strip(edge=0.125), out=shared_tmp, comm=comm)
+    bending.study(bending.Strip(), out=shared_tmp, comm=comm)
     result = json.loads((shared_tmp / "result.json").read_text())
     assert result["quantities"]["stiffness_ratio"] == pytest.approx(1.0, abs=0.05)
     assert result["quantities"]["stiffness_ratio_90"] == pytest.approx(1.0, abs=0.05)
