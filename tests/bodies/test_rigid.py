@@ -18,7 +18,7 @@ from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.fluid.boundary import Boundary, Disk, Mixed, Open
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
-from valvefsi.geometry.aortic_section import AorticSection, joined, plug
+from valvefsi.geometry.aortic_section import AorticSection, closing_plate, joined
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
 from valvefsi.units import MMHG
@@ -27,9 +27,9 @@ RADIUS, LENGTH, H, DT = 0.6, 1.0, 0.1, 5e-5
 
 
 def model(comm, pressure, *, closed=True, patched=False):
-    """A tube from side to side of a box, with or without a plug, under a pressure difference.
+    """A tube from side to side of a box, with or without a plate that shuts it, under a pressure difference.
 
-    In patches it is longer, as points near the plug and the sides are held one by one, and the fluid is a valve's.
+    In patches it is longer, as points near the plate and the sides are held one by one, and the fluid is a valve's.
     """
     length, cells = (1.6, 16) if patched else (LENGTH, 10)
     grid = MacGrid([-1.0, -1.0, 0.0], [1.0, 1.0, length], (20, 20, cells), [False] * 3, comm)
@@ -42,7 +42,7 @@ def model(comm, pressure, *, closed=True, patched=False):
     fluid = kind(grid, Boundary(grid, sides), rho=1.0, mu=0.04, advection=advection)
     section = AorticSection(inlet_radius=RADIUS, outlet_radius=RADIUS, sinus_depth=0.0)
     ends = (0.5 * H, length - 0.5 * H)
-    surfaces = [section.housing(H, ends), plug(RADIUS, 0.5 * length, H)][: 2 if closed else 1]
+    surfaces = [section.housing(H, ends), closing_plate(RADIUS, 0.5 * length, H)][: 2 if closed else 1]
     surface, kernel = joined(*surfaces), "composite_bspline32" if patched else "piecewise_linear"
     coupling, share = Coupling(grid, kernel), 0.25 * H / largest_square_sum(kernel)
     springs = {"name": "tube", "stiffness": share / DT**2, "damping": share / DT}

@@ -62,8 +62,8 @@ def test_the_demo_runs_and_reports(whole):
     assert history["q_z_lower_ml_s"] == pytest.approx(-np.array(history["q_z_upper_ml_s"]), abs=1e-6)
     assert "valve" in result or MPI.COMM_WORLD.rank > 0
     if MPI.COMM_WORLD.rank == 0:
-        told = json.loads((folder / "summary.json").read_text())["valve"]
-        assert any("incomplete" in reason for reason in told["cycles"][0]["missing"])
+        numbers = json.loads((folder / "summary.json").read_text())["valve"]
+        assert any("incomplete" in reason for reason in numbers["cycles"][0]["missing"])
         assert (folder / "valve.png").stat().st_size > 10000
 
 
@@ -109,19 +109,19 @@ def test_numbers_of_a_beat_from_a_history(tmp_path):
     }
     table = np.stack(list(rows.values()), axis=1)
     np.savetxt(tmp_path / "history.csv", table, delimiter=",", header=",".join(rows), comments="")
-    told = report_valve(case, tmp_path)["valve"]
-    cycle, sane = told["cycles"][0], told["sane"]
+    numbers = report_valve(case, tmp_path)["valve"]
+    cycle, plausible = numbers["cycles"][0], numbers["plausible"]
     assert cycle["net_volume_ml"] == pytest.approx(forward - closed - leaked, rel=1e-3)
     assert cycle["forward_volume_ml"] == pytest.approx(forward, rel=1e-3)
     assert cycle["peak_reynolds"] == pytest.approx(4 * 350.0 / (np.pi * 2.5 * 0.035), rel=1e-3)
     assert cycle["mean_aortic_pressure_mmHg"] == pytest.approx(98.0)
-    assert sane["mean difference"]["value"] == pytest.approx(10.0, rel=0.02)
-    assert sane["largest open area"]["value"] == pytest.approx(100.0 * 3.5 / (np.pi * 1.25**2))
-    assert sane["largest open area"]["sane"]
+    assert plausible["mean difference"]["value"] == pytest.approx(10.0, rel=0.02)
+    assert plausible["largest open area"]["value"] == pytest.approx(100.0 * 3.5 / (np.pi * 1.25**2))
+    assert plausible["largest open area"]["plausible"]
     # Closing ends where 2 % of the peak flow are left, 7 ml/s: 0.4 % of the closing sine later counts as leakage.
-    assert sane["closing volume"]["value"] == pytest.approx(100 * closed / forward, rel=0.01)
-    assert sane["leakage volume"]["value"] == pytest.approx(100 * leaked / forward, rel=0.02)
-    assert sane["volume change of the leaflets"]["value"] == pytest.approx(-0.7, rel=1e-5)
+    assert plausible["closing volume"]["value"] == pytest.approx(100 * closed / forward, rel=0.01)
+    assert plausible["leakage volume"]["value"] == pytest.approx(100 * leaked / forward, rel=0.02)
+    assert plausible["volume change of the leaflets"]["value"] == pytest.approx(-0.7, rel=1e-5)
 
 
 def test_the_table_of_a_valve_says_place_size_and_layers():

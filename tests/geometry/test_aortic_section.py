@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from valvefsi.errors import CaseError
-from valvefsi.geometry.aortic_section import SPACING, AorticSection, joined, plug, stent_height
+from valvefsi.geometry.aortic_section import SPACING, AorticSection, closing_plate, joined, stent_height
 from valvefsi.geometry.leaflets import pericardial
 
 TUBE = AorticSection(inlet_radius=1.2, outlet_radius=1.2, sinus_depth=0.0)
@@ -81,7 +81,7 @@ def test_the_area_of_the_stent_is_that_under_its_outline():
 
 
 def test_a_plug_has_the_area_of_a_disk_and_surfaces_join():
-    disk = plug(1.2, 0.5, 0.1)
+    disk = closing_plate(1.2, 0.5, 0.1)
     assert disk.areas.sum() == pytest.approx(math.pi * 1.2**2, rel=1e-12)
     both = joined(TUBE.housing(0.2, (0.0, 1.0)), disk)
     assert len(both.points) == len(both.areas)

@@ -7,12 +7,12 @@ import math
 import numpy as np
 from scipy.spatial import cKDTree
 
-from valvefsi.geometry.aortic_section import AorticSection, plug
+from valvefsi.geometry.aortic_section import AorticSection, closing_plate
 from valvefsi.geometry.patches import APART, SEAM, SINGLE, patch_labels
 
 H = 0.1
 TUBE = AorticSection(inlet_radius=0.8, outlet_radius=0.8, sinus_depth=0.0).housing(H, (0.0, 2.0))
-DISK = plug(0.8, 1.0, H)
+DISK = closing_plate(0.8, 1.0, H)
 
 
 def test_a_patch_is_about_two_spacings_across():

@@ -49,7 +49,7 @@ def build_fluid(case: Case, grid: MacGrid) -> NavierStokes:
     """Build the fluid of a case, with the viscous scheme that it asks for or that its step allows.
 
     Raises:
-        CaseError: The viscous scheme is not stable with the step, or a side cannot be as it is told.
+        CaseError: The viscous scheme is not stable with the step, or a side cannot be as it is given.
     """
     fluid = case.fluid
     physics: dict[str, Any] = {"rho": fluid.density, "mu": fluid.viscosity, "advection": fluid.advection}

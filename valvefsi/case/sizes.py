@@ -24,7 +24,7 @@ def check_size(case: Case, comm: MPI.Comm) -> None:
         Collective.
     """
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    room = comm.allreduce(machine_memory() / machine.size)
+    memory = comm.allreduce(machine_memory() / machine.size)
     machine.Free()
     counts = [len(edges) - 1 for edges in case.grid.edges]
     key = "grid.h" if case.grid.h is not None else "grid.x" if case.grid.x else "grid.cells"
@@ -35,9 +35,9 @@ def check_size(case: Case, comm: MPI.Comm) -> None:
             listed = " x ".join(map(str, solid.mesh.elements))
             wanted.append((math.prod(solid.mesh.elements), ELEMENT_BYTES, "elements", place, listed))
     for count, each, what, key, listed in wanted:
-        if count * each > room:
+        if count * each > memory:
             raise CaseError(
-                f"{count:.3g} {what} need {count * each / 1e9:.3g} GB of memory or more, there are {room / 1e9:.3g} GB",
+                f"{count:.3g} {what} need {count * each / 1e9:.3g} GB of memory or more, there is {memory / 1e9:.3g}",
                 file=case.file,
                 key=key,
                 value=listed,

@@ -25,7 +25,7 @@ ENDS = ("z_lower", "z_upper")
 """Sides upstream and downstream of a valve."""
 SECTIONS = ("upstream", "downstream")
 """Names of the sections that stand in for circuits there."""
-SANE = {
+PLAUSIBLE = {
     "mean difference": (2.0, 20.0, "mmHg"),
     "closing volume": (0.0, 10.0, "% of stroke volume"),
     "leakage volume": (0.0, 5.0, "% of stroke volume"),
@@ -34,7 +34,7 @@ SANE = {
     "change between cycles": (0.0, 10.0, "% of the waveform that changes most"),
     "mean aortic pressure": (90.0, 110.0, "% of the target"),
 }
-"""What is sane for a valve in a pulse duplicator: lower and upper end, unit."""
+"""What is plausible for a valve in a pulse duplicator: lower and upper end, unit."""
 
 
 def report_valve(case: Case, out: Path) -> dict[str, object]:
@@ -48,10 +48,10 @@ def report_valve(case: Case, out: Path) -> dict[str, object]:
         return {}
     draw_valve(case, out, out)
     found = _cycles(case, out)
-    told = {} if found is None else _numbers(case, *found)
+    numbers = {} if found is None else _numbers(case, *found)
     leaflets = leaflet_peaks(out)
-    told |= {"leaflets": leaflets} if leaflets else {}
-    return {"valve": told} if told else {}
+    numbers |= {"leaflets": leaflets} if leaflets else {}
+    return {"valve": numbers} if numbers else {}
 
 
 def has_valve(case: Case) -> bool:
@@ -87,7 +87,7 @@ def _cycles(case: Case, out: Path) -> tuple[History, ValveRecord, list[CycleNumb
 def _numbers(
     case: Case, history: History, record: ValveRecord, cycles: list[CycleNumbers]
 ) -> dict[str, object]:
-    """The numbers of each cycle, and how they compare with what is sane."""
+    """The numbers of each cycle, and how they compare with what is plausible."""
     if not cycles:
         reason = f"the record ends before the first cycle starts, at {record.first:.6g} s"
         return {"cycles": [], "reasons": [reason]}
@@ -96,7 +96,7 @@ def _numbers(
         "cycles": [_told(cycle) for cycle in cycles],
         "change_between_cycles": change,
         "reasons": sorted(set(why.values())),
-        "sane": _sane(case, history, cycles[-1].as_dict(), change),
+        "plausible": _plausible(case, history, cycles[-1].as_dict(), change),
     }
 
 
@@ -147,10 +147,10 @@ def _test(case: Case) -> ValveTest:
     return ValveTest(rho=case.fluid.density, mu=case.fluid.viscosity, diameter=valve_of(case)[1].diameter)
 
 
-def _sane(
+def _plausible(
     case: Case, history: History, cycle: dict[str, Any], change: dict[str, float | None]
 ) -> dict[str, object]:
-    """Compare the last cycle with what is sane; None where there is no number."""
+    """Compare the last cycle with what is plausible; None where there is no number."""
     forward, name = cycle["forward_volume"], valve_of(case)[0]
     orifice = math.pi * (0.5 * _test(case).diameter) ** 2
     swelling = history[f"{name}_volume_change_percent"]
@@ -175,10 +175,10 @@ def _sane(
     return {
         key: {
             "value": value,
-            "from": SANE[key][0],
-            "to": SANE[key][1],
-            "unit": SANE[key][2],
-            "sane": None if value is None else bool(SANE[key][0] <= value <= SANE[key][1]),
+            "from": PLAUSIBLE[key][0],
+            "to": PLAUSIBLE[key][1],
+            "unit": PLAUSIBLE[key][2],
+            "plausible": None if value is None else bool(PLAUSIBLE[key][0] <= value <= PLAUSIBLE[key][1]),
         }
         for key, value in values.items()
     }

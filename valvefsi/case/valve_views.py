@@ -98,11 +98,11 @@ def draw_leaflets(
     edges: dict[str, Any] = {"t": run.t, "middles": run.middles(), "top": int(np.argmax(run.area))}
     edges["pieces"] = np.stack([run.edges(k)[..., :2] for k in range(len(run.t))])
     out = Path(out)
-    told: dict[str, Any] = {"radius": radius, "title": case.title}
+    heading: dict[str, Any] = {"radius": radius, "title": case.title}
     seen = "leaflets from downstream; what is dark is open"
     return [
-        valve_end_views(out / "leaflets.png", views, caption=seen, **told),
-        free_edges(out / "free_edges.png", edges, caption="free edges from downstream", **told),
+        valve_end_views(out / "leaflets.png", views, caption=seen, **heading),
+        free_edges(out / "free_edges.png", edges, caption="free edges from downstream", **heading),
     ]
 
 

@@ -40,8 +40,8 @@ BLOCK = 64
 """Points whose weights are computed at once."""
 MOST = 6
 """Points of the widest kernel along an axis."""
-# Where things are in the room of a block: places, lowest index, fraction, partial sums, weights by axis and side and
-# point of the kernel, weights of the last axis by side and point of the solid, ones.
+# Where things are in the workspace of a block: places, lowest index, fraction, partial sums, weights by axis and side
+# and point of the kernel, weights of the last axis by side and point of the solid, ones.
 LOWEST, FRACTION, SAVED, WEIGHTS = BLOCK, 2 * BLOCK, 3 * BLOCK, 4 * BLOCK
 LINES = WEIGHTS + 6 * MOST * BLOCK
 ONES = LINES + 2 * BLOCK * MOST
@@ -192,45 +192,45 @@ def extent(x: Array) -> Array:
 
 
 @kernel
-def bsplines(room: Array, at: int, points: int) -> None:
-    """`bspline` for a block of points: the fractions are in room, the values go there from ``at`` on."""
+def bsplines(workspace: Array, at: int, points: int) -> None:
+    """`bspline` for a block of points: the fractions are in workspace, the values go there from ``at`` on."""
     for b in range(BLOCK):
-        room[at + INDEX(b)] = 1.0
+        workspace[at + INDEX(b)] = 1.0
     for j in range(1, points):
         for b in range(BLOCK):
-            room[INDEX(SAVED + b)] = 0.0
+            workspace[INDEX(SAVED + b)] = 0.0
         for r in range(j):
             here, up, down, share = at + INDEX(r * BLOCK), r + 1.0, j - r - 1.0, 1.0 / j
             for b in range(BLOCK):
-                t = room[INDEX(FRACTION + b)]
-                value = share * room[here + INDEX(b)]
-                room[here + INDEX(b)] = room[INDEX(SAVED + b)] + (up - t) * value
-                room[INDEX(SAVED + b)] = (down + t) * value
+                t = workspace[INDEX(FRACTION + b)]
+                value = share * workspace[here + INDEX(b)]
+                workspace[here + INDEX(b)] = workspace[INDEX(SAVED + b)] + (up - t) * value
+                workspace[INDEX(SAVED + b)] = (down + t) * value
         here = at + INDEX(j * BLOCK)
         for b in range(BLOCK):
-            room[here + INDEX(b)] = room[INDEX(SAVED + b)]
+            workspace[here + INDEX(b)] = workspace[INDEX(SAVED + b)]
 
 
 @kernel
-def ib4s(room: Array, at: int) -> None:
+def ib4s(workspace: Array, at: int) -> None:
     """`ib4` for a block of points, as `bsplines`."""
     for b in range(BLOCK):
-        r = room[INDEX(FRACTION + b)]
+        r = workspace[INDEX(FRACTION + b)]
         root = math.sqrt(0.015625 + 0.0625 * (r - r * r))
         low = 0.375 - 0.25 * r
         high = 0.5 - low
-        room[at + INDEX(b)] = low - root
-        room[at + INDEX(BLOCK + b)] = low + root
-        room[at + INDEX(2 * BLOCK + b)] = high + root
-        room[at + INDEX(3 * BLOCK + b)] = high - root
+        workspace[at + INDEX(b)] = low - root
+        workspace[at + INDEX(BLOCK + b)] = low + root
+        workspace[at + INDEX(2 * BLOCK + b)] = high + root
+        workspace[at + INDEX(3 * BLOCK + b)] = high - root
 
 
 @kernel
-def others(room: Array, at: int, family: int, points: int) -> None:
+def others(workspace: Array, at: int, family: int, points: int) -> None:
     """Values of the kernels of the other families for a block of points, as `bsplines`."""
     w = np.empty(MOST)
     for b in range(BLOCK):
-        r = room[INDEX(FRACTION + b)]
+        r = workspace[INDEX(FRACTION + b)]
         if family == IB3:
             ib3(w, r - 0.5)
         elif family == IB5:
@@ -238,11 +238,13 @@ def others(room: Array, at: int, family: int, points: int) -> None:
         else:
             ib6(w, r)
         for k in range(points):
-            room[at + INDEX(k * BLOCK + b)] = w[k]
+            workspace[at + INDEX(k * BLOCK + b)] = w[k]
 
 
 @kernel
-def weigh(base: Indices, room: Array, x: Array, first: int, count: int, kind: Kind, grid: Geometry) -> None:
+def weigh(
+    base: Indices, workspace: Array, x: Array, first: int, count: int, kind: Kind, grid: Geometry
+) -> None:
     """First local index and weights of a block of points on faces (0) and centres (1) along each axis.
 
     They are kept axis by axis, each number of all points in a row; those of the last axis also point by point. One
@@ -253,40 +255,40 @@ def weigh(base: Indices, room: Array, x: Array, first: int, count: int, kind: Ki
     for axis in range(dim):
         start, scale = origin[axis], inv_h[axis]
         for b in range(count):
-            room[INDEX(b)] = (x[first + b, axis] - start) * scale
+            workspace[INDEX(b)] = (x[first + b, axis] - start) * scale
         for side in range(2):
             points = normal if side == 0 else tangential
             at = INDEX(WEIGHTS + (2 * axis + side) * MOST * BLOCK)
             shift = 0.5 * (points % 2) - 0.5 * side
             for b in range(BLOCK):
-                s = room[INDEX(b)] + shift
+                s = workspace[INDEX(b)] + shift
                 low = np.floor(s)
-                room[INDEX(LOWEST + b)] = low
-                room[INDEX(FRACTION + b)] = s - low
+                workspace[INDEX(LOWEST + b)] = low
+                workspace[INDEX(FRACTION + b)] = s - low
             lowest = offset[axis] - (points - 1) // 2
             for b in range(BLOCK):
-                base[INDEX((2 * axis + side) * BLOCK + b)] = np.int64(room[INDEX(LOWEST + b)]) + lowest
+                base[INDEX((2 * axis + side) * BLOCK + b)] = np.int64(workspace[INDEX(LOWEST + b)]) + lowest
             if family == BSPLINE:
-                bsplines(room, at, points)
+                bsplines(workspace, at, points)
             elif family == IB4:
-                ib4s(room, at)
+                ib4s(workspace, at)
             else:
-                others(room, at, family, points)
+                others(workspace, at, family, points)
     for side in range(2):
         points = normal if side == 0 else tangential
         at = INDEX(WEIGHTS + (2 * (dim - 1) + side) * MOST * BLOCK)
         for b in range(count):
             line = INDEX(LINES + (side * BLOCK + b) * MOST)
             for k in range(points):
-                room[line + INDEX(k)] = room[at + INDEX(k * BLOCK + b)]
+                workspace[line + INDEX(k)] = workspace[at + INDEX(k * BLOCK + b)]
 
 
 @kernel
 def table() -> tuple[Indices, Array]:
-    """Return room for the indices and the weights of a block of points; what stands for a missing axis is filled in."""
-    base, room = np.zeros(7 * BLOCK, dtype=np.int64), np.zeros(SIZE)
-    room[ONES : ONES + BLOCK] = 1.0
-    return base, room
+    """Return workspace for indices and weights of a block of points; what stands for a missing axis is filled in."""
+    base, workspace = np.zeros(7 * BLOCK, dtype=np.int64), np.zeros(SIZE)
+    workspace[ONES : ONES + BLOCK] = 1.0
+    return base, workspace
 
 
 @kernel
@@ -303,7 +305,7 @@ def places(d: int, dim: int) -> tuple[int, int, int, int, int, int]:
 
 @kernel
 def spread_block(
-    f: Array, base: Indices, room: Array, F: Array, part: Part, scale: float, shape: Part, rows: Rows
+    f: Array, base: Indices, workspace: Array, F: Array, part: Part, scale: float, shape: Part, rows: Rows
 ) -> None:
     """Spread component d of a block of points, f(x) += scale sum_q F_d(q) w0 w1 w2.
 
@@ -317,17 +319,17 @@ def spread_block(
     for b in range(count):
         at = INDEX(base[INDEX(i0 + b)] * shape[0] + base[INDEX(i1 + b)] * shape[1] + base[INDEX(i2 + b)])
         g, k = scale * F[first + b, d], INDEX(line + b * MOST)
-        c0, c1 = g * room[k], g * room[k + INDEX(1)]
-        c2 = g * room[k + INDEX(2)] if n2 > 2 else 0.0
-        c3 = g * room[k + INDEX(3)] if n2 > 3 else 0.0
-        c4 = g * room[k + INDEX(4)] if n2 > 4 else 0.0
-        c5 = g * room[k + INDEX(5)] if n2 > 5 else 0.0
+        c0, c1 = g * workspace[k], g * workspace[k + INDEX(1)]
+        c2 = g * workspace[k + INDEX(2)] if n2 > 2 else 0.0
+        c3 = g * workspace[k + INDEX(3)] if n2 > 3 else 0.0
+        c4 = g * workspace[k + INDEX(4)] if n2 > 4 else 0.0
+        c5 = g * workspace[k + INDEX(5)] if n2 > 5 else 0.0
         for i in range(n0):
-            z = room[INDEX(w0 + i * BLOCK + b)]
+            z = workspace[INDEX(w0 + i * BLOCK + b)]
             e0, e1, e2, e3, e4, e5 = z * c0, z * c1, z * c2, z * c3, z * c4, z * c5
             q = at
             for j in range(n1):
-                y = room[INDEX(w1 + j * BLOCK + b)]
+                y = workspace[INDEX(w1 + j * BLOCK + b)]
                 f0, f1 = flat[q] + y * e0, flat[q + INDEX(1)] + y * e1
                 f2 = flat[q + INDEX(2)] + y * e2 if n2 > 2 else 0.0
                 f3 = flat[q + INDEX(3)] + y * e3 if n2 > 3 else 0.0
@@ -348,7 +350,7 @@ def spread_block(
 
 @kernel
 def interpolate_block(
-    U: Array, base: Indices, room: Array, u: Array, part: Part, shape: Part, rows: Rows
+    U: Array, base: Indices, workspace: Array, u: Array, part: Part, shape: Part, rows: Rows
 ) -> None:
     """Interpolate component d at a block of points, U_d(q) = sum_x u(x) w0 w1 w2: the transpose of `spread_block`."""
     first, count, d = part
@@ -363,7 +365,7 @@ def interpolate_block(
             p0, p1, p2, p3, p4, p5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             q = at
             for j in range(n1):
-                y = room[INDEX(w1 + j * BLOCK + b)]
+                y = workspace[INDEX(w1 + j * BLOCK + b)]
                 p0 += y * flat[q]
                 p1 += y * flat[q + INDEX(1)]
                 p2 += y * flat[q + INDEX(2)] if n2 > 2 else 0.0
@@ -372,7 +374,7 @@ def interpolate_block(
                 p5 += y * flat[q + INDEX(5)] if n2 > 5 else 0.0
                 q += strides[1]
             at += strides[0]
-            z = room[INDEX(w0 + i * BLOCK + b)]
+            z = workspace[INDEX(w0 + i * BLOCK + b)]
             a0 += z * p0
             a1 += z * p1
             a2 += z * p2
@@ -380,14 +382,14 @@ def interpolate_block(
             a4 += z * p4
             a5 += z * p5
         k = INDEX(line + b * MOST)
-        a0 *= room[k]
-        a1 *= room[k + INDEX(1)]
-        a2 *= room[k + INDEX(2)]
-        a3 *= room[k + INDEX(3)]
+        a0 *= workspace[k]
+        a1 *= workspace[k + INDEX(1)]
+        a2 *= workspace[k + INDEX(2)]
+        a3 *= workspace[k + INDEX(3)]
         if n2 > 4:
-            a0 += a4 * room[k + INDEX(4)]
+            a0 += a4 * workspace[k + INDEX(4)]
         if n2 > 5:
-            a1 += a5 * room[k + INDEX(5)]
+            a1 += a5 * workspace[k + INDEX(5)]
         sums[b, 0], sums[b, 1], sums[b, 2], sums[b, 3] = a0, a1, a2, a3
     for b in range(count):
         U[first + b, d] = (sums[b, 0] + sums[b, 1]) + (sums[b, 2] + sums[b, 3])
@@ -410,18 +412,22 @@ def spread(f: Faces, x: Array, F: Array, scale: float, kind: Kind, grid: Geometr
     the component's axis, the outer axis of two dimensions having one.
     """
     normal, across, outer = rows
-    base, room = table()
+    base, workspace = table()
     for first in range(0, F.shape[0], BLOCK):
         count = min(BLOCK, F.shape[0] - first)
-        weigh(base, room, x, first, count, kind, grid)
+        weigh(base, workspace, x, first, count, kind, grid)
         for d in range(len(f)):
             part, g = (first, count, d), f[d]
             if d == 0 and len(f) == 3:
-                spread_block(g, base, room, F, part, scale, strides_of(g, 3), (normal, across, across))
+                spread_block(g, base, workspace, F, part, scale, strides_of(g, 3), (normal, across, across))
             elif d == len(f) - 1:
-                spread_block(g, base, room, F, part, scale, strides_of(g, len(f)), (outer, across, normal))
+                spread_block(
+                    g, base, workspace, F, part, scale, strides_of(g, len(f)), (outer, across, normal)
+                )
             else:
-                spread_block(g, base, room, F, part, scale, strides_of(g, len(f)), (outer, normal, across))
+                spread_block(
+                    g, base, workspace, F, part, scale, strides_of(g, len(f)), (outer, normal, across)
+                )
 
 
 @vectors
@@ -429,15 +435,15 @@ def spread(f: Faces, x: Array, F: Array, scale: float, kind: Kind, grid: Geometr
 def interpolate(U: Array, x: Array, u: Faces, kind: Kind, grid: Geometry, rows: Rows) -> None:
     """Interpolate a velocity on faces to points at x, U_d(q) = sum_x u_d(x) w0 w1 w2: the transpose of `spread`."""
     normal, across, outer = rows
-    base, room = table()
+    base, workspace = table()
     for first in range(0, U.shape[0], BLOCK):
         count = min(BLOCK, U.shape[0] - first)
-        weigh(base, room, x, first, count, kind, grid)
+        weigh(base, workspace, x, first, count, kind, grid)
         for d in range(len(u)):
             part, v = (first, count, d), u[d]
             if d == 0 and len(u) == 3:
-                interpolate_block(U, base, room, v, part, strides_of(v, 3), (normal, across, across))
+                interpolate_block(U, base, workspace, v, part, strides_of(v, 3), (normal, across, across))
             elif d == len(u) - 1:
-                interpolate_block(U, base, room, v, part, strides_of(v, len(u)), (outer, across, normal))
+                interpolate_block(U, base, workspace, v, part, strides_of(v, len(u)), (outer, across, normal))
             else:
-                interpolate_block(U, base, room, v, part, strides_of(v, len(u)), (outer, normal, across))
+                interpolate_block(U, base, workspace, v, part, strides_of(v, len(u)), (outer, normal, across))

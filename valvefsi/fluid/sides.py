@@ -39,7 +39,7 @@ class Open:
     p - backflow rho/2 min(u_n, 0)^2 with u_n outward: with 1 no kinetic energy enters unpaid (p is then the total
     pressure of what comes in), with 0 p is the pressure on the side itself. With ``mean_pressure`` the mean of what is
     lost over the open part is given back to all of it: p is then the mean of the pressure there, an even inflow loses
-    nothing, and streams that come in faster than others still do not gain on them.
+    nothing, and jets that come in faster than the rest still do not gain on them.
 
     Attributes:
         pressure: Constant [dyn/cm^2], or a function of x, y, z [cm] and t [s].

@@ -172,7 +172,7 @@ def attachment_line(valve: ValveGeometry, height: float, num_points: int) -> Arr
     return np.concatenate([circle, height + stent_height(valve, phi)[:, None]], axis=1)
 
 
-def plug(radius: float, z: float, h: float) -> PointSurface:
+def closing_plate(radius: float, z: float, h: float) -> PointSurface:
     """Return a disk that closes a tube, in rings of points; for tests of leaks."""
     rings = math.ceil(radius / (SPACING * h))
     step = radius / rings

@@ -15,7 +15,7 @@ FRAME_BYTES, POINT_BYTES, ROW_BYTES, AVERAGES = 16, 200, 1000, 10
 
 
 def disk_needed(model: Model, output: Output, steps: int) -> float:
-    """Return the largest room that the files of a run can take [bytes]: frames without their compression.
+    """Return the largest space that the files of a run can take [bytes]: frames without their compression.
 
     Args:
         model: The model.
@@ -37,7 +37,7 @@ def disk_needed(model: Model, output: Output, steps: int) -> float:
 
 
 def disk_free(folder: Path) -> float:
-    """Return the room on the disk of a folder, or of the nearest one above it that is there [bytes]."""
+    """Return the space on the disk of a folder, or of the nearest one above it that is there [bytes]."""
     there = next(
         (path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir()), Path("/")
     )

@@ -26,7 +26,7 @@ from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, Disk, Mixed, Open
 from valvefsi.fluid.navier_stokes import ExplicitViscosity
-from valvefsi.geometry.aortic_section import AorticSection, joined, plug
+from valvefsi.geometry.aortic_section import AorticSection, closing_plate, joined
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
 from valvefsi.run.recording import Output
@@ -163,7 +163,7 @@ def build(parameters: Values, comm: MPI.Comm) -> fsi.Model:
         grid, Boundary(grid, ends), rho=1.0, mu=parameters["viscosity"], advection="xsppm7"
     )
     reach = (-BELOW + 0.5 * h, top - 0.5 * h)
-    tube, disk = section.housing(h, reach), plug(inlet, -0.5 * BELOW, h)
+    tube, disk = section.housing(h, reach), closing_plate(inlet, -0.5 * BELOW, h)
     labels = patch_labels((tube, disk), h, reach)
     labels[len(tube.points) :] = SINGLE  # the plate stands for leaflets, which are held node by node
     tube = tube.moved(h * surface_offset(KERNEL, tube.normals, (0.0, 0.0, 1.0)))

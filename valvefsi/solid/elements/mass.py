@@ -196,8 +196,13 @@ def _rows(matrix: scipy.sparse.csr_matrix) -> tuple[NDArray[np.uint32], NDArray[
 
 def _factors(matrix: scipy.sparse.csr_matrix) -> tuple[mass_kernels.Halves, mass_kernels.Halves]:
     """Return the incomplete factor L of a matrix and its transpose: rows without the diagonal, and its inverse."""
-    n, room, count, drop = matrix.shape[0], matrix.nnz, -1, DROP
-    out = np.empty(n + 1, dtype=np.int64), np.empty(room, dtype=np.int64), np.empty(room), np.empty(n)
+    n, workspace, count, drop = matrix.shape[0], matrix.nnz, -1, DROP
+    out = (
+        np.empty(n + 1, dtype=np.int64),
+        np.empty(workspace, dtype=np.int64),
+        np.empty(workspace),
+        np.empty(n),
+    )
     while count < 0:
         count = mass_kernels.factorise(out, _rows(matrix), drop)
         drop *= 3.0

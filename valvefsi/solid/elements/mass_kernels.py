@@ -35,11 +35,11 @@ def factorise(out: tuple[Indices, Indices, Array, Array], matrix: Rows, drop: fl
     """
     rows, columns, values, diagonal = out
     start, across, entries = matrix
-    n, room, count = len(diagonal), len(values), 0
+    n, workspace, count = len(diagonal), len(values), 0
     row, listed = np.zeros(n), np.zeros(n, dtype=np.bool_)
     follow = np.empty(n, dtype=np.int64)  # the places of the row in ascending order, a chain that ends at i
     newest = np.full(n, -1, dtype=np.int64)  # the entries of each column, the newest first
-    older, of_row = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64)
+    older, of_row = np.empty(workspace, dtype=np.int64), np.empty(workspace, dtype=np.int64)
     rows[0] = 0
     for i in range(n):
         first, last, pivot = np.int64(i), np.int64(-1), 0.0
@@ -61,7 +61,7 @@ def factorise(out: tuple[Indices, Indices, Array, Array], matrix: Rows, drop: fl
             value = row[j] / diagonal[j]
             row[j], listed[j] = 0.0, False
             if abs(value) >= least:
-                if count == room:
+                if count == workspace:
                     return -1
                 pivot -= value * value
                 e, before = newest[j], j

@@ -42,9 +42,11 @@ def number_nodes(X: Array, comm: MPI.Comm) -> NDArray[np.int64]:
         tolerance = 1e-10 * np.ptp(points, axis=0).max(initial=0.0)
         grades = np.stack([_grades(column, tolerance) for column in points.T], axis=1)
         order = np.lexsort(grades.T[::-1])
-        twins = np.count_nonzero(np.all(np.diff(grades[order], axis=0) == 0, axis=1))
-        if twins:
-            error = CaseError(f"{twins} pairs of nodes are at the same place: unmerged nodes in the mesh?")
+        coincident = np.count_nonzero(np.all(np.diff(grades[order], axis=0) == 0, axis=1))
+        if coincident:
+            error = CaseError(
+                f"{coincident} pairs of nodes are at the same place: unmerged nodes in the mesh?"
+            )
         numbers = np.empty(len(points), dtype=np.int64)
         numbers[order] = np.arange(len(points))
         parts = np.split(numbers, np.cumsum([len(part) for part in gathered])[:-1])

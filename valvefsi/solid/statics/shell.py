@@ -94,20 +94,23 @@ class ShellProblem:
         self.set_tolerances = self.newton.set_tolerances
 
     def solve(self) -> tuple[bool, int]:
-        """Run Newton's method from the present state, first with a soft bulk modulus, then with all of it.
+        """Run Newton's method from the present state; where it fails, with a bulk modulus that grows to all of it.
 
         A linear step lengthens the director of an element that turns, and with it the volume: a large bulk modulus
         makes of that a stress whose geometric stiffness leads the next step astray.
         """
         start, total = self.state.x.array.copy(), 0
-        for factor in SOFTENING:
-            self.elements.cells.scale_bulk(factor)
-            converged, iterations = self.newton.solve()
-            total += iterations
-            if not converged:
-                self.state.x.array[:] = start
+        for ladder in ((1.0,), SOFTENING):
+            for factor in ladder:
+                self.elements.cells.scale_bulk(factor)
+                converged, iterations = self.newton.solve()
+                total += iterations
+                if not converged:
+                    self.state.x.array[:] = start
+                    break
+            self.elements.cells.scale_bulk(1.0)
+            if converged:
                 break
-        self.elements.cells.scale_bulk(1.0)
         return converged, total
 
     def set_factor(self, s: float) -> None:
