@@ -13,7 +13,7 @@ from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.solid import statics
 from valvefsi.solid.elements.shell_layers import thickness_axes
 from valvefsi.solid.loads import Pressure
-from valvefsi.solid.materials import LeeSacks, NeoHookean, fibres
+from valvefsi.solid.materials import LeeSacks, NeoHookean, SaintVenantKirchhoff, fibres
 from valvefsi.solid.materials.fibre_reinforced import HGO, FibreFamily
 from valvefsi.solid.statics import Fixed, SolidShell, TaylorHood
 from valvefsi.solid.structure import Discretisation, Structure
@@ -218,3 +218,5 @@ def test_what_the_element_cannot_be_is_refused(comm):
         shell(rectangle(comm))
     with pytest.raises(CaseError, match="kappa.*give nu_stab or kappa"):
         Structure(strip(comm), SOFT, nu_stab=None, discretisation=Discretisation(element="solid_shell"))
+    with pytest.raises(CaseError, match="saint_venant_kirchhoff.*a volumetric part of its own"):
+        shell(strip(comm), SaintVenantKirchhoff(mu=3.0, lam=7.0))

@@ -16,7 +16,7 @@ from valvefsi.errors import CaseError
 from valvefsi.solid.elements.shell_cells import MODES, ShellCells
 from valvefsi.solid.elements.shell_kernels import add_monomials, monomials
 from valvefsi.solid.elements.shell_layers import BITS, thickness_axes, through_last
-from valvefsi.solid.materials import Volumetric, kappa_stab, stabilisation
+from valvefsi.solid.materials import SaintVenantKirchhoff, Volumetric, kappa_stab, stabilisation
 from valvefsi.solid.materials.fibres import at_midpoints
 from valvefsi.solid.materials.kinematics import Kinematics
 
@@ -37,6 +37,11 @@ def split(
     thickness is continuous and the stretch of the layers is not (two layers of ten elements: 4 to 6 % with nu = 0.4,
     1 % with 0).
     """
+    if isinstance(material, SaintVenantKirchhoff):
+        message = (
+            "solid-shell elements are for incompressible materials; this one has a volumetric part of its own"
+        )
+        raise CaseError(message, key="material", value="saint_venant_kirchhoff")
     whole = stabilisation(material, nu_stab, form, kappa).kappa
     if not whole > 0:
         message = (
