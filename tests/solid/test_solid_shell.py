@@ -163,6 +163,13 @@ def test_the_thickness_is_found_along_any_axis_even_where_it_is_the_longest_edge
     assert set(thickness_axes(mesh)) <= {axis}
 
 
+@pytest.mark.parametrize("elements", [(12, 1, 2), (12, 2, 3), (12, 2, 5), (1, 1, 1), (12, 4, 4)])
+def test_a_narrow_strip_of_several_layers_is_thin_where_it_is(comm, elements):
+    """More layers than elements across: the sheet's own thickness counts, not the number of its elements."""
+    mesh = box(comm, size=(0.9, 0.3, 0.03), elements=elements)
+    assert set(thickness_axes(mesh)) <= {2}
+
+
 def test_forces_do_not_depend_on_the_number_of_ranks(comm):
     alone, together = (
         shell(strip(c, elements=(6, 4, 2), warp=0.05, radius=1.2, angle=30.0), PORCINE)

@@ -21,8 +21,8 @@ BITS = np.arange(8)[:, None] >> np.arange(3) & 1
 def thickness_axes(mesh: Mesh) -> NDArray[np.int64]:
     """Return the axis of the reference cell that runs through the thickness, of this rank's cells.
 
-    It is the one along which the fewest elements lie behind one another, from face to opposite face; of two with as
-    many, the one with the shorter edges.
+    It is the one along which the elements behind one another, from face to opposite face, are shortest together: a
+    sheet is thinner than its rows are long, however many layers it has.
 
     Args:
         mesh: A ``SolidMesh`` of hexahedra.
@@ -61,7 +61,7 @@ def _edges_along(points: Array, axis: int) -> Array:
 
 
 def _axes(corners: NDArray[np.int64], lengths: Array) -> NDArray[np.int64]:
-    """Return the axis of each cell with the fewest cells behind one another."""
+    """Return the axis of each cell along which the cells behind one another are shortest together."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -76,6 +76,6 @@ def _axes(corners: NDArray[np.int64], lengths: Array) -> NDArray[np.int64]:
         (np.ones(len(ends), dtype=np.int8), (ends, 3 * count + face.ravel())), shape=(size, size)
     )
     _, which = connected_components(graph, directed=False)
-    behind = np.bincount(which[: 3 * count], minlength=size)[which[: 3 * count]].reshape(3, count)
-    order = np.lexsort((lengths.T, behind), axis=0)
-    return order[0]
+    along = which[: 3 * count]
+    extent = np.bincount(along, lengths.T.ravel(), minlength=size)[along].reshape(3, count)
+    return extent.argmin(axis=0)
