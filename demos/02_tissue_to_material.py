@@ -65,7 +65,7 @@ for name, truth in TRUTH.items():
 # (`[[solid.fibre]]`). For a flat sheet, `--axis1 x` writes an angle to the x axis.
 
 # %% A case that uses it
-case_file = OUT / "case.toml"
+case_file = OUT / "input.toml"
 case_file.write_text(
     """
 [grid]

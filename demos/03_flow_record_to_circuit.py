@@ -53,7 +53,7 @@ with RECORD.open() as file:
 t, q = (np.array([float(row[name]) for row in rows]) for name in ("t_s", "q_ao_ml_s"))
 q *= 1 - np.exp(-t / 0.01)  # the fluid begins at rest
 (OUT / "inflow.csv").write_text("t_s,u\n" + "\n".join(f"{a},{b / 4.0}" for a, b in zip(t, q, strict=True)))
-case_file = OUT / "case.toml"
+case_file = OUT / "input.toml"
 case_file.write_text(
     f"""
 [grid]

@@ -83,7 +83,7 @@ print(f"held at {bottom}; volume {volume:.5f} cm^3, closed form {exact:.5f} cm^3
 # Linear tetrahedra bend too stiffly: `degree = 2`. Points must not stand further apart than 1.25 h, or fluid leaks.
 
 # %% A stream of 5 cm/s against the hollow side
-(OUT / "case.toml").write_text(
+(OUT / "input.toml").write_text(
     f"""
 [grid]
 lower = ["0 cm", "0 cm", "0 cm"]
@@ -123,7 +123,7 @@ name = "tip"
 at = ["11 mm", "10 mm", "10 mm"]
 """
 )
-last = run_case(load_case(OUT / "case.toml"), out=OUT, overwrite=True)["last"]
+last = run_case(load_case(OUT / "input.toml"), out=OUT, overwrite=True)["last"]
 history = {name: np.array(values) for name, values in read_history(OUT / "history.csv").items()}
 print(
     f"tip {last['u_x_tip_cm']:.3f} cm downstream, volume changed by {last['flap_volume_change_percent']:.3f} %"

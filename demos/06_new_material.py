@@ -82,7 +82,7 @@ print("stretch, exact:   ", stretches, "\nstretch, computed:", computed)
 # here, `--trust` on the command line. Units are converted as for any material.
 
 # %% A coupled run of a few steps
-case_file = OUT / "case.toml"
+case_file = OUT / "input.toml"
 case_file.write_text(
     """
 [grid]

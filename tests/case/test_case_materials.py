@@ -164,6 +164,9 @@ def test_a_material_of_ones_own_runs_only_where_it_is_trusted(shared_tmp, comm, 
     with pytest.raises(CaseError, match="this would run"):
         load_case(path)
     assert not bite.exists()
+    user.write_text('trust = ["."]', encoding="utf-8")
+    with pytest.raises(CaseError, match=r"trust = '\.': expected whole paths"):
+        load_case(path)
     user.write_text(f'trust = ["{shared_tmp}"]', encoding="utf-8")
     assert load_case(path).solid[0].material.parameters["limit"] == 20.0
     assert bite.exists()

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from valvefsi.case import case_defaults, parse_case
+from valvefsi.case import case_defaults, load_case, parse_case, to_toml
 from valvefsi.case.build import build, plan_case, run_case
 from valvefsi.case.resuming import FREE, provenance_of
 from valvefsi.errors import CaseError, Stopped, SurroundingsError
@@ -205,6 +205,22 @@ def test_an_unfinished_run_and_one_that_cannot_be_read_stay_too(tmp_path):
         path.write_bytes(b"nothing")
     with pytest.raises(CaseError, match=r"its newest checkpoint cannot be read"):
         run_case(case_with(), out=out, comm=SELF)
+
+
+def test_a_run_does_not_write_over_the_case_that_it_reads(tmp_path):
+    file = tmp_path / "case.toml"
+    file.write_text(to_toml(case_with()), encoding="utf-8")
+    before = file.read_bytes()
+    with pytest.raises(
+        CaseError, match=r"case\.toml: a run writes case\.toml into its folder, over this case"
+    ):
+        run_case(load_case(file), out=tmp_path, comm=SELF)
+    assert file.read_bytes() == before
+
+
+def test_a_run_is_gone_on_with_or_replaced_not_both(tmp_path):
+    with pytest.raises(CaseError, match="not both"):
+        run_case(case_with(), out=tmp_path, comm=SELF, resume=True, overwrite=True)
 
 
 def test_a_case_that_cannot_be_built_leaves_no_folder(tmp_path):

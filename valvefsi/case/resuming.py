@@ -61,6 +61,11 @@ def run_folder(
     Note:
         Collective.
     """
+    if resume and overwrite:
+        raise CaseError("go on with the run or replace it, not both", key="--overwrite", value="--resume")
+    if not resume and case.file is not None and case.file.resolve() == (Path(out) / "case.toml").resolve():
+        message = "a run writes case.toml into its folder, over this case: give another --out, or the case another name"
+        raise CaseError(message, file=case.file)
     with held(out, comm):
         if resume:
             meta = checkpoint.newest_meta(Path(out) / "checkpoints", comm)

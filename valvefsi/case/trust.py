@@ -56,4 +56,15 @@ def _trusted_folders() -> list[Path]:
     folders = read_toml(path).get("trust", []) if path.is_file() else []
     if not isinstance(folders, list) or not all(isinstance(each, str) for each in folders):
         raise CaseError("expected a list of folders", file=path, key="trust", value=folders)
-    return [Path(each).expanduser().resolve() for each in folders]
+    paths = [Path(each).expanduser() for each in folders]
+    relative = next(
+        (each for each, whole in zip(folders, paths, strict=True) if not whole.is_absolute()), None
+    )
+    if relative is not None:
+        raise CaseError(
+            "expected whole paths: another folder is meant wherever one stands",
+            file=path,
+            key="trust",
+            value=relative,
+        )
+    return [whole.resolve() for whole in paths]

@@ -138,7 +138,7 @@ def refuse_to_overwrite(directory: Path, comm: MPI.Comm, *, finished: bool) -> N
     elif there:
         when = f"t = {meta['t']:.6g} s" if meta else "its newest checkpoint cannot be read"
         raise CaseError(
-            f"this folder holds a run that is not finished ({when}); --resume goes on with it, another --out or "
-            "removing the folder starts anew",
+            f"this folder holds a run that is not finished ({when}); --resume goes on with it, --overwrite "
+            "replaces it, another --out keeps it",
             file=directory,
         )
