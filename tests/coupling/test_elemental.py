@@ -53,11 +53,16 @@ def products(grid, f, u, F, U):
     return total(on_grid * grid.cell_volume), total((F * U).sum()), total((np.abs(F) * np.abs(U)).sum())
 
 
-@pytest.mark.parametrize("mass", ["consistent", "lumped"])
-@pytest.mark.parametrize(("kind", "degree"), KINDS)
+@pytest.mark.parametrize(
+    ("kind", "degree", "mass"),
+    [
+        (*of, mass)
+        for of in KINDS
+        for mass in ("consistent", "lumped")
+        if (*of, mass) != ("triangle", 2, "lumped")
+    ],
+)
 def test_spread_is_the_adjoint_of_interpolate(kind, degree, mass):
-    if mass == "lumped" and (kind, degree) == ("triangle", 2):
-        pytest.skip("its corners have no mass of their own")
     solid, chi, grid = make(kind, degree)
     T = ElementalCoupling(grid, "ib4", ElementPoints(solid, mass)).at(chi)
     F, u = nodal(solid), whole_faces(grid)

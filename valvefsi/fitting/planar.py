@@ -13,6 +13,7 @@ Every function here takes complex numbers too, so that a complex step can check 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -130,7 +131,7 @@ class Extent:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarMaterial:
+class PlanarMaterial(ABC):
     """A material whose plane stress is known in closed form.
 
     Attributes:
@@ -139,13 +140,13 @@ class PlanarMaterial:
 
     model: str = ""
 
+    @abstractmethod
     def parameters(self, extent: Extent) -> tuple[Parameter, ...]:
         """Return its parameters."""
-        raise NotImplementedError
 
+    @abstractmethod
     def stress(self, v: Array, state: PlanarState) -> Array:
         """Return S, components 11, 22, 12, ``(3, n)`` [kPa], for values ``(parameters,)``."""
-        raise NotImplementedError
 
     def gradient(self, v: Array, state: PlanarState) -> Array:
         """Return dS/dv, ``(parameters, 3, n)``, for values ``(parameters,)``; by a complex step if not overridden."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from abc import abstractmethod
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -100,9 +101,9 @@ class SoftBody(Benchmark[int, None]):
         """Return the elements along the edge of each block of the body on a grid of n cells."""
         return max(2, round(0.36 * 2 * RADIUS * n / self.numerics.ratio))
 
+    @abstractmethod
     def count(self, dt: float) -> int:
         """Return the number of steps."""
-        raise NotImplementedError
 
     def known(self, quantity: str) -> float | None:
         """Return what another code found, None where it did not run this body."""
