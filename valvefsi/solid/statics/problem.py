@@ -17,9 +17,9 @@ from dolfinx import fem, geometry
 from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.solid.newton import Newton
 from valvefsi.solid.statics.equilibrium import SOLVERS, Body
-from valvefsi.solid.statics.formulations import EqualOrder, NearlyIncompressible, TaylorHood
+from valvefsi.solid.statics.formulations import TaylorHood
 from valvefsi.solid.statics.shell import ShellProblem, SolidShell
-from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
+from valvefsi.solid.statics.supports import Fixed, Symmetry
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -32,20 +32,7 @@ if TYPE_CHECKING:
     from valvefsi.solid.statics.formulations import DisplacementFormulation, Formulation
     from valvefsi.types import Array, Mesh
 
-__all__ = [
-    "EqualOrder",
-    "Fixed",
-    "LoadStep",
-    "NearlyIncompressible",
-    "SolidShell",
-    "SolverOptions",
-    "StaticSolution",
-    "Symmetry",
-    "TaylorHood",
-    "evaluate_at",
-    "rotation",
-    "solve",
-]
+__all__ = ["TAYLOR_HOOD", "LoadStep", "SolverOptions", "StaticSolution", "evaluate_at", "solve"]
 
 
 TAYLOR_HOOD = TaylorHood()
