@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from valvefsi.runtime import dolfinx_compat  # noqa: F401  (before ufl)
+
+# isort: split
+import ufl
+
 from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.solid import statics
+from valvefsi.solid.elements.shell_kinematics import Metric, ShellKinematics, assumed_shear, base_vectors
 from valvefsi.solid.elements.shell_layers import thickness_axes
 from valvefsi.solid.loads import Pressure
 from valvefsi.solid.materials import LeeSacks, NeoHookean, SaintVenantKirchhoff, fibres
@@ -227,3 +233,49 @@ def test_what_the_element_cannot_be_is_refused(comm):
         Structure(strip(comm), SOFT, nu_stab=None, discretisation=Discretisation(element="solid_shell"))
     with pytest.raises(CaseError, match="saint_venant_kirchhoff.*a volumetric part of its own"):
         shell(strip(comm), SaintVenantKirchhoff(mu=3.0, lam=7.0))
+
+
+def test_the_shear_is_that_of_the_trilinear_map_at_the_middles_of_the_edges():
+    """Base vectors and sampled shear from the corners by shape functions, of any position; the sampling is linear."""
+    corners = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+    x = np.random.default_rng(8).standard_normal((8, 3))
+
+    def bases(xi, eta, zeta):
+        one = 1 + corners * (xi, eta, zeta)
+        slopes = [corners[:, i] * np.delete(one, i, axis=1).prod(axis=1) / 8 for i in range(3)]
+        return [slope @ x for slope in slopes]
+
+    powers = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)]
+    m = np.array([(corners ** np.array(p)).prod(axis=1) @ x / 8 for p in powers])
+    at = (0.3, -0.6, 0.4)
+    monomials = ufl.as_matrix(m.tolist())
+    for own, vector in zip(base_vectors(monomials, at), bases(*at), strict=True):
+        np.testing.assert_allclose([float(own[d](())) for d in range(3)], vector, atol=1e-13)
+    (g1, _, g3), (h1, _, h3) = bases(0, -1, 0), bases(0, 1, 0)
+    expected_13 = 0.5 * ((1 - at[1]) * (g1 @ g3) + (1 + at[1]) * (h1 @ h3))
+    (_, g2, g3), (_, h2, h3) = bases(-1, 0, 0), bases(1, 0, 0)
+    expected_23 = 0.5 * ((1 - at[0]) * (g2 @ g3) + (1 + at[0]) * (h2 @ h3))
+    found = [float(part(())) for part in assumed_shear(monomials, at)]
+    np.testing.assert_allclose(found, [expected_13, expected_23], rtol=1e-12)
+
+
+def test_the_kinematics_of_an_incompressible_deformation_are_those_of_its_gradient():
+    """C, its invariants and F^T F from the metric but for c_33, against the same from F with det F = 1."""
+    rng = np.random.default_rng(9)
+    F, frame = np.eye(3) + 0.3 * rng.standard_normal((3, 3)), np.eye(3) + 0.2 * rng.standard_normal((3, 3))
+    F /= np.cbrt(np.linalg.det(F))
+    C, (f, s) = F.T @ F, np.linalg.qr(rng.standard_normal((3, 2)))[0].T
+    s = (f + s) / np.sqrt(2)  # unit vectors, not at right angles
+    c = frame @ C @ frame.T  # rows of the frame are G_i
+    kinematics = ShellKinematics(
+        Metric(c11=c[0, 0], c22=c[1, 1], c12=c[0, 1], c13=c[0, 2], c23=c[1, 2]),
+        tuple(ufl.as_vector(G.tolist()) for G in frame),
+        {"f": ufl.as_vector(f.tolist()), "s": ufl.as_vector(s.tolist())},
+    )
+    found_F = np.array([[float(kinematics.F[i, j](())) for j in range(3)] for i in range(3)])
+    np.testing.assert_allclose(found_F.T @ found_F, C, rtol=1e-10, atol=1e-12)
+    found_C = [[float(kinematics.C[i, j](())) for j in range(3)] for i in range(3)]
+    np.testing.assert_allclose(found_C, C, rtol=1e-10, atol=1e-12)
+    expected = [np.trace(C), 0.5 * (np.trace(C) ** 2 - np.trace(C @ C)), f @ C @ s]
+    invariants = [kinematics.I1, kinematics.I2, kinematics.I8("f", "s")]
+    np.testing.assert_allclose([float(part(())) for part in invariants], expected, rtol=1e-10)
