@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import factorial
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from mpi4py import MPI
 
 from tests.coupled_case import STEPS, block_model, simulation
 from valvefsi import fsi
-from valvefsi.fluid.boundary import Boundary, Open
+from valvefsi.fluid.boundary import Boundary, Open, Wall
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grid import MacGrid
 from valvefsi.io.history import read_history
@@ -69,6 +70,7 @@ def test_an_upwind_scheme_takes_energy_from_what_the_grid_cannot_hold_and_a_cent
         losses[advection] = terms["scheme"]
         assert terms["kinetic"] == pytest.approx(-terms["scheme"], abs=2e-5)
         assert terms["viscosity"] == 0.0
+        assert abs(terms["residual"]) < 2e-5, "the scheme's part counts"
         assert np.isfinite(state.u[0]).all()
     assert losses["xsppm7"] > 5e-4
     assert abs(losses["centred"]) < 1e-2 * losses["xsppm7"]
@@ -90,6 +92,30 @@ def test_in_a_steady_channel_the_pressures_do_what_viscosity_takes():
     assert terms["viscosity"] == pytest.approx(power * dt * steps, rel=0.01)
     assert abs(terms["inflow"]) < 1e-3 * terms["pressures"], "what flows in flows out"
     assert abs(terms["residual"]) < 0.01 * terms["pressures"]
+
+
+def test_a_stream_that_becomes_a_parabola_brings_in_more_than_it_takes_out():
+    """In with u = 30 y^2 (1 - y)^2, out with Poiseuille's: rho/2 (int u_in^3 - int u_out^3) dy = (2.24775 - 54/35)/2.
+
+    A profile that slides along the walls would do work on them, as a lid does: it is in no term.
+    """
+    grid = MacGrid([0, 0], [3, 1], [60, 20], [False, False])
+    sides = {
+        "x_lower": Wall(velocity=lambda x, y, z, t: (30.0 * (y * (1.0 - y)) ** 2, 0.0)),
+        "x_upper": Open(),
+    }
+    model = fsi.Model(grid=grid, fluid=NavierStokes(grid, Boundary(grid, sides), rho=1.0, mu=0.05))
+    u = grid.zero_faces()
+    u[0][...] = 1.0
+    state, dt = fsi.initial_state(model, 0.01, u), 0.01
+    for _ in range(400):
+        state = fsi.step(model, state, dt)
+    terms, _ = march(model, state, dt, 100, every=5)
+    assert terms["inflow"] == pytest.approx(
+        0.5 * (27000.0 * factorial(6) ** 2 / factorial(13) - 54.0 / 35.0), rel=0.03
+    )
+    assert terms["pressures"] > 2.0 * abs(terms["inflow"])
+    assert abs(terms["residual"]) < 0.02 * terms["pressures"]
 
 
 def test_a_swinging_block_gives_the_fluid_what_it_no_longer_stores():

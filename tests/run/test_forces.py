@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -80,6 +81,29 @@ def test_the_mean_force_of_an_interval_is_that_of_its_parts():
         every.keep()
     assert np.ptp(parts) > 0.1 * np.mean(parts), "it changes"
     assert whole.row(state)["force_x_c_dyn_per_cm"] == pytest.approx(np.mean(parts), rel=1e-9)
+
+
+def test_the_balance_of_a_box_gives_the_force_on_a_body_that_swings():
+    """The momentum of the body counts: it is a large part of the force."""
+    model, dt = block_model(load=0.0, tether=50.0, damping=0.0), 2e-3
+    state = fsi.initial_state(model, dt)
+    q = state.bodies[0]
+    state = replace(state, bodies=({**q, "chi": q["chi"] + (0.8, 0.0, 0.0)},))
+    meter = ForceMeter(model, (ForceOutput(name="b", bodies=(0,), box=((5.0, 10.0), (35.0, 30.0))),))
+    force, balance, rate = [], [], []  # of each step
+    meter.row(state)
+    meter.keep()
+    for _ in range(200):
+        before = meter.last.momentum[0, 0]
+        state = fsi.step(model, state, dt)
+        row = meter.row(state)
+        meter.keep()
+        force.append(row["force_x_b_dyn_per_cm"])
+        balance.append(row["force_balance_x_b_dyn_per_cm"])
+        rate.append((meter.last.momentum[0, 0] - before) / dt)
+    scale = np.abs(force[5:]).max()
+    assert np.abs(rate[5:]).max() > 0.1 * scale
+    np.testing.assert_allclose(balance[5:], force[5:], atol=0.01 * scale)
 
 
 class Cut(Exception):
