@@ -13,8 +13,8 @@ bodies: work of the bodies on the fluid, summed step by step (`State.given`): -(
     lose: to their dampers, their viscosity and their slip through the fluid, less the work of their loads)
 
 The work of walls that move along themselves and of forces from outside is in no term: it stands in the residual, with
-the shear at the corners of a lid or of an inflow that is not zero at the wall. A flow that starts at once needs a row every step there, or the balance is to be read
-between later rows.
+the shear at the corners of a lid or of an inflow that is not zero at the wall. A flow that starts at once needs a row
+every step there, or the balance is to be read between later rows.
 
 Rates are read at the rows of the history and integrated by the trapezium rule; the residual is what is left: of that
 rule, of the mean velocity in a step that viscosity and advection are not taken at, of sides and their backflow.
