@@ -25,12 +25,9 @@ from valvefsi.solid.elements.shell_layers import BITS
 from valvefsi.solid.stress import Stress
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from valvefsi.solid.elements.shell_elasticity import ShellElasticity
     from valvefsi.solid.materials.parameters import Direction
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Indices
 
 
 class ShellStress(Stress):
@@ -79,7 +76,7 @@ class ShellStress(Stress):
             parts += [kinematics.vector(fibre)[i] for i in range(3)]
         return compat.compile_expression(ufl.as_vector(parts), gauss(2, 2, 2)[0], MPI.COMM_SELF)
 
-    def _places(self) -> NDArray[np.int64]:
+    def _places(self) -> Indices:
         """Return which point of the separate cell each point of the mesh's cell is, ``(num_cells, 8)``."""
         at = (self.points > 0.5).astype(int)
         _, position = np.unique(self.elasticity.corners, axis=0, return_inverse=True)

@@ -30,13 +30,11 @@ from valvefsi.solid.elements.shell_kinematics import (
 )
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from petsc4py import PETSc
     from ufl.core.expr import Expr
 
     from valvefsi.solid.materials import Material, Volumetric
-
-    Array = NDArray[np.float64]
+    from valvefsi.types import Array, Indices
 
 MODES = 7
 """Monomials of an element's position but the constant one."""
@@ -228,7 +226,7 @@ def gauss(*counts: int) -> tuple[Array, Array]:
     return points, weights
 
 
-def _separate_cells(count: int) -> tuple[meshes.Mesh, NDArray[np.int64]]:
+def _separate_cells(count: int) -> tuple[meshes.Mesh, Indices]:
     """Return a mesh of unconnected reference tetrahedra, and the number that each of them was made with.
 
     Their coordinates are those of the reference cell, whatever points of it an integral asks for.
