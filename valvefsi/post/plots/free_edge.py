@@ -29,7 +29,7 @@ MOST = 12
 def free_edges(
     path: Path, edges: Mapping[str, Array], *, radius: float, title: str = "", caption: str = ""
 ) -> Path:
-    """Draw the free edges end on while the valve opens and while it closes, and where their middles are over time.
+    """Draw the free edges end on until the valve is open widest and from then on, and where their middles are over time.
 
     Args:
         path: The picture, PNG or PDF.
@@ -48,7 +48,10 @@ def free_edges(
         figure = Figure(figsize=(8.2, 7.4), dpi=160, facecolor="white")
         views = [figure.add_axes((0.04 + 0.49 * k, 0.42, 0.36, 0.46)) for k in range(2)]
         for axes, name, part in zip(
-            views, ("opening", "closing"), (np.arange(top + 1), np.arange(top, len(t))), strict=True
+            views,
+            ("until open widest", "from then on"),
+            (np.arange(top + 1), np.arange(top, len(t))),
+            strict=True,
         ):
             _end_on(figure, axes, edges, _chosen(edges, part), radius)
             axes.set_title(name, fontsize=10.5)
