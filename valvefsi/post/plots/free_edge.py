@@ -29,7 +29,7 @@ MOST = 12
 def free_edges(
     path: Path, edges: Mapping[str, Array], *, radius: float, title: str = "", caption: str = ""
 ) -> Path:
-    """Draw the free edges end on until the valve is open widest and from then on, and where their middles are over time.
+    """Draw the free edges end on, until open widest and from then on, and where their middles are over time.
 
     Args:
         path: The picture, PNG or PDF.
