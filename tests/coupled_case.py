@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.heavy import Heavy
+from valvefsi.bodies.slip import DarcySlip
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.fluid.navier_stokes import NavierStokes
@@ -36,7 +37,6 @@ def block_model(
     nu_stab=0.4,
     damping=4.0,
     viscosity=0.0,
-    permeability=0.0,
 ):
     """Block of Lee2020 E.1 on a coarse grid, loaded at once, under a lid that moves."""
     mesh = compressed_block(comm, elements=elements)
@@ -45,7 +45,7 @@ def block_model(
         NeoHookean(c1=80.194),
         name="block",
         nu_stab=nu_stab,
-        damping=Damping(body=damping, viscosity=viscosity, permeability=permeability),
+        damping=Damping(body=damping, viscosity=viscosity),
         tethers=[
             Tether(on=("bottom",), components=("y",), stiffness=tether),
             Tether(on=("top_loaded", "top_outer"), components=("x",), stiffness=tether),
@@ -84,10 +84,11 @@ def heavy(model, density=7.0):
     return replace(model, bodies=(dense, *model.bodies[1:]))
 
 
-def slipping(model, mobility):
-    """The model with a Darcy mobility of its first body, None for none."""
+def slipping(model, permeability, law=DarcySlip):
+    """The model with slip of its first body, None for none."""
     body = model.bodies[0]
-    return replace(model, bodies=(Elastic(body.solid, body.coupling, mobility=mobility), *model.bodies[1:]))
+    slip = None if permeability is None or law is None else law(permeability, body.solid.weights[:, None])
+    return replace(model, bodies=(Elastic(body.solid, body.coupling, slip=slip), *model.bodies[1:]))
 
 
 def coupled(model, coupling):

@@ -199,6 +199,10 @@ class Transfer(Protocol):
         """Return the velocity of this rank's nodes, ``(n, 3)``, of a velocity on the faces [cm/s]. Collective."""
         ...
 
+    def smooth(self, F: Array) -> Array:
+        """Return the force density ``(n, 3)`` [dyn/cm^3] that the nodes feel of their own forces [dyn]. Collective."""
+        ...
+
 
 class Coupling(Protocol):
     """How a solid and the grid see each other: at the nodes, or at quadrature points of the elements."""

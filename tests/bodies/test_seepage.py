@@ -10,6 +10,7 @@ from tests.coupled_case import block_model, moved, simulation, slipping
 from tests.run.test_stable_step import stays_calm
 from valvefsi import fsi
 from valvefsi.bodies.elastic import Elastic
+from valvefsi.bodies.slip import DarcySlip
 from valvefsi.case.build import build
 from valvefsi.case.reading import parse_case
 from valvefsi.coupling.transfer import Coupling
@@ -19,7 +20,7 @@ from valvefsi.geometry.shapes import rectangle
 from valvefsi.grid import MacGrid
 from valvefsi.run.planning import step_limits
 from valvefsi.solid.materials import NeoHookean
-from valvefsi.solid.structure import Damping, Structure
+from valvefsi.solid.structure import Structure
 
 WORLD = MPI.COMM_WORLD
 
@@ -27,11 +28,10 @@ WORLD = MPI.COMM_WORLD
 def slab(c1, permeability):
     """A slab across a periodic box, 0.5 cm thick, without lateral contraction (nu_stab = 0)."""
     mesh = rectangle(WORLD, lower=(0.25, 0.0), size=(0.5, 1.0), elements=(20, 16))
-    given = {"nu_stab": 0.0, "damping": Damping(permeability=permeability)}
-    solid = Structure(mesh, NeoHookean(c1=c1), **given)
+    solid = Structure(mesh, NeoHookean(c1=c1), name="slab", nu_stab=0.0)
     grid = MacGrid([0, 0], [1, 1], [16, 16], [True, True])
     fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=0.05)
-    body = Elastic(solid, Coupling(grid, "bspline3"), mobility=solid.mobility())
+    body = Elastic(solid, Coupling(grid, "bspline3"), slip=DarcySlip(permeability, solid.weights[:, None]))
     return fsi.Model(grid=grid, fluid=fluid, bodies=(body,))
 
 
@@ -76,15 +76,14 @@ def test_without_it_the_slab_stays_compressed():
 
 def seeping(comm=WORLD, permeability=0.05):
     model = block_model(comm, load=2.0, tether=50.0)
-    return slipping(model, permeability / model.bodies[0].solid.weights)
+    return slipping(model, permeability)
 
 
 def test_the_limit_of_the_plan_is_on_the_safe_side():
-    model = block_model(load=2.0, tether=50.0, permeability=2.0)
+    model = slipping(block_model(load=2.0, tether=50.0), 2.0)
     limits = step_limits(model)
     limit = limits["Darcy slip, block"]
     assert limit < 0.5 * limits["elastic, block"]
-    model = slipping(model, model.bodies[0].solid.mobility())
     assert stays_calm(model, limit)
     assert not stays_calm(model, 8.0 * limit)
 
@@ -124,4 +123,5 @@ def test_a_case_gives_permeability_and_viscosity(tmp_path):
     model = build(case, tmp_path, MPI.COMM_SELF).model
     body = model.bodies[0].solid
     assert body.viscosity.eta == pytest.approx(20.0)
-    np.testing.assert_allclose(model.bodies[0].mobility[:, 0] * body.weights, 1e-10)
+    assert isinstance(model.bodies[0].slip, DarcySlip)
+    assert model.bodies[0].slip.permeability == pytest.approx(1e-10)

@@ -62,8 +62,7 @@ def test_the_viscosity_of_a_solid_is_in_it():
 
 
 def test_what_slips_through_the_fluid_is_in_it():
-    model = block_model(load=2.0, tether=50.0, damping=0.0, permeability=2.0)
-    model = slipping(model, model.bodies[0].solid.mobility())
+    model = slipping(block_model(load=2.0, tether=50.0, damping=0.0), 2.0)
     limits = step_limits(model)
     assert limits["Darcy slip, block"] < 0.5 * limits["elastic, block"]
     limit = limits["Darcy slip, block"]

@@ -43,14 +43,14 @@ class SmallMotion:
     Attributes:
         transfer: Spreading and interpolation where it is.
         stiffness: The product (K + 2 C / dt) d for displacements d, both ``(n, 3)``.
-        slip: 2 / dt times the velocity per force at which points slip through the fluid, ``(n, 1)`` or 0.
+        slip: 2 / dt times the velocity at which points slip through the fluid under forces, both ``(n, 3)``.
         start: A displacement that has a part in every mode, ``(n, 3)``.
         reserve: Part of the square of the step's limit that is left to what the stiffness holds.
     """
 
     transfer: Transfer
     stiffness: Callable[[Array], Array]
-    slip: Array | float
+    slip: Callable[[Array], Array]
     start: Array
     reserve: float = 1.0
 

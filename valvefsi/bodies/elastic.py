@@ -17,6 +17,7 @@ from valvefsi.io.paraview import SolidSeries
 from valvefsi.runtime.clock import Timed, TimedCoupling
 
 if TYPE_CHECKING:
+    from valvefsi.bodies.slip import Slip
     from valvefsi.coupling.elemental import ElementalCoupling
     from valvefsi.coupling.transfer import Coupling
     from valvefsi.grid import MacGrid
@@ -31,7 +32,7 @@ class ElasticHalf:
     chi: Array
     force: Array
     transfer: Transfer
-    mobility: Array | None
+    slip: Slip | None
     dt: float
 
     def spread(self, f: Faces) -> None:
@@ -43,8 +44,8 @@ class ElasticHalf:
         return self.transfer.interpolate(u_half)
 
     def whole(self, U: Array) -> Table:
-        """Return the state after the step: carried by the velocity U at its middle, and by Darcy slip."""
-        V = U if self.mobility is None else U + self.mobility * self.force
+        """Return the state after the step: carried by the velocity U at its middle, and by slip. Collective."""
+        V = U if self.slip is None else U + self.slip.velocity(self.force, self.transfer)
         return {"chi": self.chi + self.dt * V}
 
 
@@ -56,16 +57,15 @@ class Elastic(BodyBase):
     Args:
         solid: The solid.
         coupling: How it and the grid see each other.
-        mobility: Darcy mobility: velocity per force at which each node slips through the fluid, ``(n,)``
-            [cm/(dyn s)]; None for none.
+        slip: How its nodes slip through the fluid; None for not.
     """
 
     def __init__(
-        self, solid: Structure, coupling: Coupling | ElementalCoupling, *, mobility: Array | None = None
+        self, solid: Structure, coupling: Coupling | ElementalCoupling, *, slip: Slip | None = None
     ) -> None:
         self.solid: Structure = solid
         self.coupling = coupling
-        self.mobility = None if mobility is None else mobility[:, None]
+        self.slip = slip
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -98,7 +98,7 @@ class Elastic(BodyBase):
         chi_half = chi + 0.5 * dt * U
         transfer = self.coupling.at(chi_half)
         force = self.solid.force(chi_half, U, t + 0.5 * dt)
-        return ElasticHalf(chi=chi, force=force, transfer=transfer, mobility=self.mobility, dt=dt)
+        return ElasticHalf(chi=chi, force=force, transfer=transfer, slip=self.slip, dt=dt)
 
     def timed(self, table: dict[str, float]) -> Self:
         """Return the body with clocks around its elastic force and its coupling."""
@@ -176,7 +176,7 @@ class Elastic(BodyBase):
         return ElasticSeries(self.solid, SolidSeries(folder, self.name, comm, resume_time=resume_time))
 
     def small_motion(self, q: Table | None, t: float, dt: float, nudge: float) -> SmallMotion | None:
-        """Return it as a small displacement sees it: forces there and back, and Darcy slip (collective)."""
+        """Return it as a small displacement sees it: forces there and back, and slip (collective)."""
         grid, chi = self.coupling.grid, self.X if q is None else q["chi"]
 
         def stiffness(d: Array) -> Array:
@@ -191,9 +191,13 @@ class Elastic(BodyBase):
 
         start = np.random.default_rng(1).standard_normal((self.num_points, 3))[self.ids]
         start[:, grid.dim :] = 0.0
-        slip = 0.0 if self.mobility is None else (2.0 / dt) * self.mobility
+        transfer, law = self.coupling.at(chi), self.slip
+
+        def slip(F: Array) -> Array:
+            return np.zeros_like(F) if law is None else 2.0 / dt * law.velocity(F, transfer)
+
         return SmallMotion(
-            transfer=self.coupling.at(chi),
+            transfer=transfer,
             stiffness=stiffness,
             slip=slip,
             start=start,

@@ -84,13 +84,14 @@ def step_limits(body: Elastic, h: float, rho: float) -> dict[str, float]:
     stiff, c, reserve = solid.stiffness(), largest_square_sum(body.coupling.name), body.reserve
     fibres = getattr(solid.material, "fibre_modulus", 0.0)
     modulus = stiff.kappa + 4.0 / 3.0 * stiff.shear_modulus + fibres
-    mass = rho * max(1.0, h / (c * solid.thickness()))
+    fill = min(1.0, c * solid.thickness() / h)
+    mass = rho / fill
     edge = stiff.smallest_edge
     limits = {f"elastic, {body.name}": edge * math.sqrt(reserve * mass / modulus / dim)}
     if solid.viscosity:
         limits[f"viscosity, {body.name}"] = reserve * mass * edge**2 / (4.0 * solid.viscosity.eta * dim)
-    if solid.permeability > 0:
-        limits[f"Darcy slip, {body.name}"] = edge**2 / (2.0 * solid.permeability * modulus * dim)
+    if body.slip is not None:
+        limits[f"Darcy slip, {body.name}"] = edge**2 / (2.0 * body.slip.largest(fill) * modulus * dim)
     springs: dict[str, float] = {}
     for tether in solid.tethers:
         mass = rho if tether.on is None else rho * h / c

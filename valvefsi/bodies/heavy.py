@@ -31,6 +31,7 @@ from valvefsi.bodies.elastic import Elastic, ElasticHalf
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
+    from valvefsi.bodies.slip import Slip
     from valvefsi.coupling.elemental import ElementalCoupling
     from valvefsi.coupling.transfer import Coupling
     from valvefsi.solid.structure import Structure
@@ -62,7 +63,7 @@ class Heavy(Elastic):
         coupling: How it and the grid see each other.
         rho: Density of the fluid [g/cm^3].
         density: Density of the solid in its reference state, above rho [g/cm^3].
-        mobility: Darcy mobility of its nodes, ``(n,)`` [cm/(dyn s)]; None for none.
+        slip: How its nodes slip through the fluid; None for not.
 
     Attributes:
         mass: Excess mass of this rank's nodes, ``(n, 1)`` [g].
@@ -83,12 +84,12 @@ class Heavy(Elastic):
         *,
         rho: float,
         density: float,
-        mobility: Array | None = None,
+        slip: Slip | None = None,
     ) -> None:
         if not rho < density < np.inf:
             message = f"expected more than the fluid's density, {rho:g} g/cm^3"
             raise CaseError(message, key="density", value=density)
-        super().__init__(solid, coupling, mobility=mobility)
+        super().__init__(solid, coupling, slip=slip)
         self.density = float(density)
         volume = solid.weights[:, None]
         self.mass: Array = (density - rho) * volume
@@ -115,7 +116,7 @@ class Heavy(Elastic):
             chi=chi,
             force=force,
             transfer=transfer,
-            mobility=self.mobility,
+            slip=self.slip,
             dt=dt,
             Y=Y + 0.5 * dt * (V + V_new),
             V=V_new,

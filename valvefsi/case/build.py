@@ -12,6 +12,7 @@ from mpi4py import MPI
 from valvefsi.bodies.body import BodyBase
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.heavy import Heavy
+from valvefsi.bodies.slip import DarcySlip, Slip, UnresolvedSlip
 from valvefsi.case.checks import check_against_mesh
 from valvefsi.case.circuit_tables import say_unconnected
 from valvefsi.case.circulation import build_circulation, connected
@@ -89,10 +90,17 @@ def _coupling(fluid: NavierStokes, given: Solid, solid: Structure) -> Coupling |
 def _body(fluid: NavierStokes, given: Solid, solid: Structure, rho: float) -> BodyBase:
     """Return a solid of a case as a body, with excess mass where it is heavier than the fluid. Collective."""
     coupling = _coupling(fluid, given, solid)
-    mobility = solid.mobility() if solid.permeability > 0 else None
+    slip = _slip(given, solid)
     if given.density is not None and given.density > rho:
-        return Heavy(solid, coupling, rho=rho, density=given.density, mobility=mobility)
-    return Elastic(solid, coupling, mobility=mobility)
+        return Heavy(solid, coupling, rho=rho, density=given.density, slip=slip)
+    return Elastic(solid, coupling, slip=slip)
+
+
+def _slip(given: Solid, solid: Structure) -> Slip | None:
+    if not given.permeability > 0.0:
+        return None
+    law = UnresolvedSlip if given.seepage == "unresolved" else DarcySlip
+    return law(given.permeability, solid.weights[:, None])
 
 
 def _schedule(case: Case) -> Schedule | AdaptiveSchedule:
@@ -196,7 +204,7 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
             name=given.name,
             nu_stab=given.nu_stab,
             discretisation=_discretisation(given),
-            damping=Damping(body=given.damping, viscosity=given.viscosity, permeability=given.permeability),
+            damping=Damping(body=given.damping, viscosity=given.viscosity),
             tethers=_tethers(given),
             loads=_loads(given),
         )

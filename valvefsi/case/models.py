@@ -261,6 +261,11 @@ class Solid(Table):
         description="Hydraulic permeability k: the solid slips with k f through the fluid under a force density f",
         examples=["1e-10 cm^4/(dyn*s)"],
     )
+    seepage: Literal["porous", "unresolved"] = Field(
+        "porous",
+        description='What permeability acts on: all forces ("porous"), or what the grid does not resolve of them '
+        '("unresolved", nodal coupling: no fluid passes under a smooth load)',
+    )
     nu_stab: Annotated[float | None, BeforeValidator(_off)] = Field(
         0.4, description='Numerical Poisson ratio of the volumetric term, above -1 and below 0.5, or "off"'
     )
@@ -288,6 +293,12 @@ class Solid(Table):
     tether: tuple[Tether, ...] = Field((), description="Tethers")
     load: tuple[Load, ...] = Field((), description="Loads")
     probe: tuple[Probe, ...] = Field((), description="Probes")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.seepage == "unresolved" and self.coupling != "nodal":
+            raise problem('expected coupling = "nodal" with it', "seepage", self.seepage)
+        return self
 
     @property
     def quadrature(self) -> int:

@@ -28,6 +28,8 @@ KERNEL = "composite_bspline32"
 
 LINE = 720
 """Points around the axis that mark where the leaflets are attached."""
+END_SLIP = 20.0
+"""Rate at which points of the housing in reach of a side slip back across its normal [1/s]."""
 
 
 def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
@@ -121,12 +123,14 @@ def _end_slip(case: Case, surface: PointSurface) -> Array:
 
     Points whose kernel reaches the faces of a side see the velocity there, which no force changes: along the side's
     normal they would be carried on for as long as a run lasts, and push the fluid beside them harder and harder. There
-    they slip back half their way in a step; what bears pressures, across the wall, is held as everywhere.
+    they slip back half their way in a step. Across it, where they bear pressures, they slip slowly: the side bears part
+    of their forces and reflects part of what they feel, which are not each other's adjoint and drive rings of points
+    ever farther in turn to one side and the other. The fluid that passes is the yield of the wall times the rate.
     """
     h, (low, high) = case.grid.spacing, case.grid.bounds[2]
     z, reach = surface.points[:, 2], 1.5 * h - 1e-9
     slip = np.zeros_like(surface.points)
-    slip[(z < low + reach) | (z > high - reach), 2] = 0.5 / case.dt
+    slip[(z < low + reach) | (z > high - reach)] = (END_SLIP, END_SLIP, 0.5 / case.dt)
     return slip
 
 

@@ -134,3 +134,7 @@ class ElementalTransfer:
             Collective.
         """
         return self.rule.project(self.transfer.interpolate(u))
+
+    def smooth(self, F: Array) -> Array:
+        """Return the force density that the nodes feel of their own forces, see `Transfer.smooth`. Collective."""
+        return self.rule.project(self.transfer.smooth(self.rule.lift(F)))

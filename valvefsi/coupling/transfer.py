@@ -225,6 +225,29 @@ class Transfer:
         U[:, :2] = values
         return U
 
+    def smooth(self, F: Array) -> Array:
+        """Return the force density that the points feel of their own forces, S*[chi] S[chi] F, ``(num_points, 3)``.
+
+        Sides reflect nothing here, so that it is symmetric and not negative wherever the points are.
+
+        Args:
+            F: Force of this rank's points, ``(num_points, 3)`` [dyn].
+
+        Returns:
+            Force density [dyn/cm^3].
+
+        Note:
+            Collective.
+        """
+        grid, c = self.coupling.grid, self.coupling
+        f = grid.zero_faces()
+        F = np.ascontiguousarray(F[:, : grid.dim])
+        F = self.route.send(F) if self.route else F
+        kernels.spread(tuple(f[: grid.dim]), self.x, F, 1.0 / grid.cell_volume, c.kind, c.geometry, c.rows)
+        grid.add_ghosts(f)
+        grid.exchange(f)
+        return self.interpolate(f)
+
 
 class Route:
     """Where each point goes and how its results come back.

@@ -7,7 +7,7 @@ the scheme of `valvefsi.fsi` has the trace 2 - c dt - omega^2 dt^2 and the deter
     dt^2 omega^2 + 2 dt c < 4,    that is    dt < 2 / sqrt(largest eigenvalue of M (K + 2 C / dt)),
 
 which the method of Lanczos finds in a few products: M K is self-adjoint in the product x . K y. Nodes that slip through
-the fluid with m times their force (Darcy slip) add 2 dt s with s = m K to the left side, which is M + 2 m / dt instead
+the fluid with m times their force, m symmetric, add 2 dt s with s = m K to the left side, which is M + 2 m / dt instead
 of M; dampers count there too, on the safe side by 4 m C. What a bound for each cause cannot know is in it: the
 projection takes away most of what the bulk modulus does, and thin bodies and points much closer than a spacing move
 the mass of fluid in their kernel.
@@ -48,11 +48,11 @@ def stable_step(model: Model, state: State, dt: float, products: int = PRODUCTS)
 def measured_limit(
     model: Model, dt: float, number: int, *, at: State | None = None, products: int = PRODUCTS
 ) -> float:
-    """Return the largest stable step for elastic forces, springs, dampers, Darcy slip and excess mass of a body [s].
+    """Return the largest stable step for elastic forces, springs, dampers, slip and excess mass of a body [s].
 
     Args:
         model: The model.
-        dt: The step in question, at which dampers, Darcy slip and the fluid's viscosity are taken [s].
+        dt: The step in question, at which dampers, slip and the fluid's viscosity are taken [s].
         number: Which body.
         at: State in which the body is; at rest without one.
         products: Products of the Lanczos method.
@@ -84,7 +84,7 @@ def measured_limit(
     base = velocity(None)
 
     def mobility(F: Array) -> Array:
-        return (velocity(F) - base) / dt + body.slip * F
+        return (velocity(F) - base) / dt + body.slip(F)
 
     def dot(a: Array, b: Array) -> float:
         return grid.comm.allreduce(float(np.vdot(a, b)))

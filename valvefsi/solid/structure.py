@@ -98,8 +98,6 @@ class Damping:
     Args:
         body: Body damping eta, force density -eta U, not negative [dyn s/cm^4].
         viscosity: Viscosity eta_s of the solid on top of the fluid's, not negative [dyn s/cm^2].
-        permeability: Hydraulic permeability k, not negative [cm^4/(dyn s)]: under a force density f the body slips
-            with k f through the fluid in it, as porous tissue does (Mow et al. 1980); 0 is no slip.
 
     Raises:
         CaseError: One is negative or not finite.
@@ -107,10 +105,9 @@ class Damping:
 
     body: float = 0.0
     viscosity: float = 0.0
-    permeability: float = 0.0
 
     def __post_init__(self) -> None:
-        keys = {"damping": self.body, "viscosity": self.viscosity, "permeability": self.permeability}
+        keys = {"damping": self.body, "viscosity": self.viscosity}
         for key, value in keys.items():
             if not 0 <= value < np.inf:
                 raise CaseError("expected a number that is not negative", key=key, value=value)
@@ -179,7 +176,7 @@ class Structure:
         given = damping if isinstance(damping, Damping) else Damping(body=damping)
         self.name, self.mesh, self.material = name, mesh, material
         self.discretisation = discretisation
-        self.damping, self.permeability, self.nu_stab = given.body, given.permeability, nu_stab
+        self.damping, self.nu_stab = given.body, nu_stab
         self.tethers, self.loads = tuple(tethers), tuple(loads)
         self.comm, self.dim = mesh.mesh.comm, mesh.mesh.geometry.dim
         self.volumetric = stabilisation(material, nu_stab, discretisation.volumetric, discretisation.kappa)
@@ -288,10 +285,6 @@ class Structure:
         if self.viscosity:
             F[:, : self.dim] += self.viscosity.force(chi, U)
         return F
-
-    def mobility(self) -> Array:
-        """Return how fast each node slips through the fluid per force, k / w_k, ``(n,)`` [cm/(dyn s)]."""
-        return self.permeability / self.weights
 
     def jacobian(self, chi: Array) -> Array:
         """Return J at all quadrature points of this rank, one-dimensional (collective)."""
