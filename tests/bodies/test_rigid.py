@@ -115,10 +115,11 @@ def test_points_slip_back_to_their_place():
     np.testing.assert_allclose(one - two, 0.3 * d, rtol=1e-9, atol=1e-15)
 
 
-def test_slip_may_differ_by_point_and_component():
-    surface = one_point(stiffness=3.0, damping=4.0, slip=np.array([[0.0, 10.0, 40.0]]))
+def test_slip_may_differ_by_point_and_direction():
+    slip = np.array([[[0.0, 0.0, 0.0], [0.0, 20.0, -10.0], [0.0, -10.0, 20.0]]])
+    surface = one_point(stiffness=3.0, damping=4.0, slip=slip)
     half = surface.half({"d": np.array([[1.0, 2.0, 3.0]])}, surface_at_rest(), 0.0, 0.01, 0.01)
-    np.testing.assert_allclose(half.whole(np.zeros((1, 3)))["d"], [[1.0, 1.8, 1.8]], rtol=1e-14)
+    np.testing.assert_allclose(half.whole(np.zeros((1, 3)))["d"], [[1.0, 1.9, 2.6]], rtol=1e-14)
 
 
 def surface_at_rest():
@@ -151,7 +152,8 @@ def test_half_a_spacing_from_a_side_a_composite_kernel_meets_nothing_beyond_it()
 
 @pytest.mark.parametrize(
     ("stiffness", "damping", "slip"),
-    [(0.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (1.0, -1.0, 0.0), (math.nan, 1.0, 0.0), (1.0, 1.0, -1.0)],
+    [(0.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (1.0, -1.0, 0.0), (math.nan, 1.0, 0.0), (1.0, 1.0, -1.0)]
+    + [(1.0, 1.0, np.array([[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]]))],
 )
 def test_springs_that_cannot_hold_are_refused(stiffness, damping, slip):
     with pytest.raises(ValueError, match="expected stiffness > 0, damping >= 0 and slip >= 0"):

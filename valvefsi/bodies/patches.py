@@ -44,7 +44,7 @@ class PatchedSurface(RigidSurface):
         name: Name in files.
         stiffness: kappa per area [dyn/cm^3].
         damping: eta per area [dyn s/cm^3].
-        slip: Rate at which points slip back by point and component, see `RigidSurface`, 0 in patches [1/s].
+        slip: Rate at which points slip back, see `RigidSurface`, 0 in patches [1/s].
 
     Raises:
         StabilityError: A point lies too near to a side, on the rank of the point.

@@ -52,7 +52,7 @@ class RigidHalf:
 
     def whole(self, U: Array) -> Table:
         """Return the state after the step, carried by the velocity U at its middle. Collective."""
-        return {"d": (1.0 - self.dt * self.surface.slip) * self.d + self.dt * self.surface.held(U)}
+        return {"d": self.d + self.dt * (self.surface.held(U) - self.surface.back(self.d))}
 
 
 class RigidSurface(BodyBase):
@@ -67,8 +67,8 @@ class RigidSurface(BodyBase):
         name: Name in files.
         stiffness: kappa per area [dyn/cm^3].
         damping: eta per area [dyn s/cm^3].
-        slip: Rate at which a point slips back through the fluid to its place, one for all or by point and component,
-            ``(num_points, 3)`` [1/s]; a traction f drives fluid through the surface with slip f / kappa.
+        slip: Rate at which a point slips back through the fluid to its place, one for all or a symmetric matrix for
+            each, ``(num_points, 3, 3)`` [1/s]; a traction f drives fluid through the surface with slip f / kappa.
         faces: Corners of quadrilaterals between the points, for pictures, ``(m, 4)``.
 
     Attributes:
@@ -92,7 +92,7 @@ class RigidSurface(BodyBase):
         slip: float | Array = 0.0,
         faces: Indices | None = None,
     ) -> None:
-        if not stiffness > 0.0 or not damping >= 0.0 or not np.min(slip, initial=np.inf) >= 0.0:
+        if not stiffness > 0.0 or not damping >= 0.0 or not _least(slip) >= 0.0:
             message = "expected stiffness > 0, damping >= 0 and slip >= 0"
             raise ValueError(f"{message}, got {stiffness}, {damping}, {slip}")
         self.name, self.comm = name, coupling.grid.comm
@@ -102,6 +102,9 @@ class RigidSurface(BodyBase):
         self.points, self.faces = points, faces
         self.X: Array = np.ascontiguousarray(points[self.ids])
         self.slip = slip if isinstance(slip, float | int) else np.asarray(slip, dtype=float)[self.ids]
+        self.slipping = np.zeros(0, dtype=np.int64)
+        if not isinstance(self.slip, float | int):
+            self.slipping = np.flatnonzero(self.slip.any(axis=(1, 2)))
         self.transfer: Transfer = coupling.stay(self.X)
         self.weights = areas[self.ids]
 
@@ -124,6 +127,14 @@ class RigidSurface(BodyBase):
         """Return the force on the fluid of points carried by d and moving with U, ``(n, 3)`` [dyn]."""
         return self.weights[:, None] * self.held(-self.stiffness * d - self.damping * U)
 
+    def back(self, d: Array) -> Array:
+        """Return the velocity at which points carried by d slip back, ``(n, 3)`` [cm/s]."""
+        if isinstance(self.slip, float | int):
+            return self.slip * d
+        v, at = np.zeros_like(d), self.slipping
+        v[at] = np.einsum("nij,nj->ni", self.slip[at], d[at])
+        return v
+
     def held(self, v: Array) -> Array:
         """Return what the springs and dampers hold of a vector at the points, ``(n, 3)``: all of it (collective)."""
         return v
@@ -143,3 +154,10 @@ class RigidSurface(BodyBase):
             )
         comm.barrier()
         return NoSeries()
+
+
+def _least(slip: float | Array) -> float:
+    """Return the smallest rate at which anything slips back, 0 to round-off."""
+    rates = np.linalg.eigvalsh(slip) if np.ndim(slip) else np.array([slip], dtype=float)
+    least, largest = np.min(rates, initial=np.inf), np.max(rates, initial=0.0)
+    return 0.0 if -1e-12 * largest <= least <= 0.0 else float(least)

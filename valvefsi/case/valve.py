@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.bodies.patches import PatchedSurface
+from valvefsi.bodies.patches import PatchedSurface, Patches
 from valvefsi.case.models import Case
 from valvefsi.case.valve_tables import ValveShape
 from valvefsi.coupling.kernel_properties import largest_square_sum
@@ -28,8 +28,8 @@ KERNEL = "composite_bspline32"
 
 LINE = 720
 """Points around the axis that mark where the leaflets are attached."""
-END_SLIP = 20.0
-"""Rate at which points of the housing in reach of a side slip back across its normal [1/s]."""
+ALONG, ACROSS = 200.0, 5.0
+"""Rates [1/s] at which points of the housing held one by one slip back along it, and near a side across it."""
 
 
 def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
@@ -106,7 +106,7 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
             name="housing",
             stiffness=share / case.dt**2,
             damping=share / case.dt,
-            slip=_end_slip(case, surface),
+            slip=_slip(case, surface, labels),
         )
     except StabilityError as error:
         message = f"the housing does not fit into the core of the box: {error}"
@@ -118,19 +118,22 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
     return (rigid,)
 
 
-def _end_slip(case: Case, surface: PointSurface) -> Array:
-    """Return the rate at which points slip back, by component, ``(num_points, 3)`` [1/s].
+def _slip(case: Case, surface: PointSurface, labels: Indices) -> Array:
+    """Return the rates at which points slip back, ``(num_points, 3, 3)`` [1/s].
 
-    Points whose kernel reaches the faces of a side see the velocity there, which no force changes: along the side's
-    normal they would be carried on for as long as a run lasts, and push the fluid beside them harder and harder. There
-    they slip back half their way in a step. Across it, where they bear pressures, they slip slowly: the side bears part
-    of their forces and reflects part of what they feel, which are not each other's adjoint and drive rings of points
-    ever farther in turn to one side and the other. The fluid that passes is the yield of the wall times the rate.
+    Points held one by one, at ends and seams, reach combinations whose forces cancel in the kernel; nearly all of what
+    drifts is along the surface, where they bear no pressure and may slip at no cost: what slips is the wall's yield
+    under shear times the rate. Points whose kernel reaches the faces of a side see the velocity there, which no force
+    changes, and are carried on for as long as a run lasts. Along the side's normal they slip back half their way in a
+    step; across the wall slowly, as the fluid that passes is the yield under pressure times the rate.
     """
     h, (low, high) = case.grid.spacing, case.grid.bounds[2]
-    z, reach = surface.points[:, 2], 1.5 * h - 1e-9
-    slip = np.zeros_like(surface.points)
-    slip[(z < low + reach) | (z > high - reach)] = (END_SLIP, END_SLIP, 0.5 / case.dt)
+    z, reach, n = surface.points[:, 2], 1.5 * h - 1e-9, surface.normals
+    across = n[:, :, None] * n[:, None, :]
+    at_side, alone = (z < low + reach) | (z > high - reach), labels < 0
+    slip = ALONG * alone[:, None, None] * (np.eye(3) - across)
+    slip[at_side] += ACROSS * across[at_side]
+    slip[at_side, 2, 2] += 0.5 / case.dt
     return slip
 
 
@@ -149,6 +152,6 @@ def _patched_section(case: Case) -> tuple[PointSurface, Indices]:
         _, shape = valve_of(case)
         surfaces.append(section.stent(h, shape.geometry(), shape.base))
         seam = attachment_line(shape.geometry(), shape.base, LINE)
-    labels = patch_labels(surfaces, h, ends, seam)
     whole = joined(*surfaces)
+    labels = Patches(patch_labels(surfaces, h, ends, seam), whole.normals, whole.areas).labels
     return whole.moved(h * surface_offset(KERNEL, whole.normals, (0.0, 0.0, 1.0))), labels
