@@ -28,7 +28,7 @@ KERNEL = "composite_bspline32"
 
 LINE = 720
 """Points around the axis that mark where the leaflets are attached."""
-ALONG, ACROSS = 200.0, 5.0
+ALONG, ACROSS = 1000.0, 5.0
 """Rates [1/s] at which points of the housing held one by one slip back along it, and near a side across it."""
 
 
@@ -131,7 +131,7 @@ def _slip(case: Case, surface: PointSurface, labels: Indices) -> Array:
     z, reach, n = surface.points[:, 2], 1.5 * h - 1e-9, surface.normals
     across = n[:, :, None] * n[:, None, :]
     at_side, alone = (z < low + reach) | (z > high - reach), labels < 0
-    slip = ALONG * alone[:, None, None] * (np.eye(3) - across)
+    slip = min(ALONG, 0.1 / case.dt) * alone[:, None, None] * (np.eye(3) - across)
     slip[at_side] += ACROSS * across[at_side]
     slip[at_side, 2, 2] += 0.5 / case.dt
     return slip
