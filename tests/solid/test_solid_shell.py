@@ -13,8 +13,11 @@ from valvefsi.runtime import dolfinx_compat  # noqa: F401  (before ufl)
 # isort: split
 import ufl
 
+from valvefsi.bodies.elastic import Elastic
+from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box, rectangle
+from valvefsi.grid import MacGrid
 from valvefsi.solid import statics
 from valvefsi.solid.elements.shell_kinematics import Metric, ShellKinematics, assumed_shear, base_vectors
 from valvefsi.solid.elements.shell_layers import thickness_axes
@@ -174,6 +177,17 @@ def test_a_narrow_strip_of_several_layers_is_thin_where_it_is(comm, elements):
     """More layers than elements across: the sheet's own thickness counts, not the number of its elements."""
     mesh = box(comm, size=(0.9, 0.3, 0.03), elements=elements)
     assert set(thickness_axes(mesh)) <= {2}
+
+
+@pytest.mark.parametrize("angle", [0.0, 14.0, 27.0])
+def test_the_slant_of_the_thickness_is_measured_and_warned_of(comm, angle):
+    mesh = strip(comm)
+    mesh.mesh.geometry.x[:, 0] += math.tan(math.radians(angle)) * mesh.mesh.geometry.x[:, 2]
+    solid = shell(mesh)
+    assert solid.elasticity.slant == pytest.approx(angle, abs=1e-9)
+    grid = MacGrid([-1, -1, -1], [2, 2, 2], [12, 12, 12], [True] * 3, comm)
+    notes = [entry.note for entry in Elastic(solid, Coupling(grid, "bspline3")).size(grid)]
+    assert sum(f"slant by up to {angle:.0f} degrees" in note for note in notes) == (angle > 0.0)
 
 
 def test_forces_do_not_depend_on_the_number_of_ranks(comm):

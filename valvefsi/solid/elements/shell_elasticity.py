@@ -11,11 +11,12 @@ from valvefsi.runtime import dolfinx_compat  # noqa: F401  (before ufl)
 # isort: split
 import ufl
 from dolfinx import fem, la
+from mpi4py import MPI
 
 from valvefsi.errors import CaseError
 from valvefsi.solid.elements.shell_cells import MODES, ShellCells
 from valvefsi.solid.elements.shell_kernels import add_monomials, monomials
-from valvefsi.solid.elements.shell_layers import BITS, thickness_axes, through_last
+from valvefsi.solid.elements.shell_layers import BITS, slants, thickness_axes, through_last
 from valvefsi.solid.materials import SaintVenantKirchhoff, Volumetric, kappa_stab, stabilisation
 from valvefsi.solid.materials.fibres import at_midpoints
 from valvefsi.solid.materials.kinematics import Kinematics
@@ -67,6 +68,7 @@ class ShellElasticity:
 
     Attributes:
         corners: Corner of the mesh's cell that each corner of the element is, ``(num_cells, 8)``.
+        slant: Largest angle between an element's thickness and its normal, on all ranks [deg].
 
     Note:
         Collective.
@@ -91,6 +93,8 @@ class ShellElasticity:
         nodes = through_last(space.dofmap.list[: self._num_cells], axes)
         idle = np.asarray(BITS[None], dtype=np.float64)  # an idle rank has a cell, too
         X: Array = space.tabulate_dof_coordinates()[nodes] if len(nodes) else idle
+        here = float(slants(X).max())
+        self.slant: float = self.mesh.comm.allreduce(here, op=MPI.MAX)
         kinematics = Kinematics(ufl.Identity(3), mesh.fibres)
         fibres = {name: at_midpoints(mesh, kinematics.vector(name)) for name in sorted(mesh.fibres)}
         fibres = {name: a if len(a) else np.eye(3)[:1] for name, a in fibres.items()}

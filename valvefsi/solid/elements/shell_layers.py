@@ -54,6 +54,20 @@ def through_last(nodes: NDArray[np.int32], axes: NDArray[np.int64]) -> NDArray[n
     return np.ascontiguousarray(np.take_along_axis(nodes, turned[axes], axis=1))
 
 
+def slants(points: Array) -> Array:
+    """Return the angle between thickness and normal of each element, ``(num_cells,)`` [deg].
+
+    Args:
+        points: Corners with the thickness along the last axis, see `through_last`, ``(num_cells, 8, 3)``.
+    """
+    i, j, k = ((2 * BITS - 1) / 4.0).T
+    first, second, through = (np.einsum("ncx,c->nx", points, sign) for sign in (i, j, k))
+    normal = np.cross(first, second)
+    across = np.abs((normal * through).sum(axis=1))
+    along = np.linalg.norm(np.cross(normal, through), axis=1)
+    return np.degrees(np.arctan2(along, across))
+
+
 def _edges_along(points: Array, axis: int) -> Array:
     """Return the mean length of the four edges of each cell along an axis."""
     lower, upper = (np.flatnonzero(BITS[:, axis] == end) for end in (0, 1))
