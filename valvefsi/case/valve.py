@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.bodies.patches import PatchedSurface
+from valvefsi.bodies.patches import PatchedSurface, Patches
 from valvefsi.case.models import Case
 from valvefsi.case.valve_tables import ValveShape
 from valvefsi.coupling.kernel_properties import largest_square_sum
@@ -16,7 +16,7 @@ from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError, raise_together
 from valvefsi.geometry.aortic_section import PointSurface, attachment_line, joined
 from valvefsi.geometry.mesh import SolidMesh
-from valvefsi.geometry.patches import SEAM, patch_labels
+from valvefsi.geometry.patches import patch_labels
 from valvefsi.geometry.valve import ValveMesh, distribute, mesh_valve
 from valvefsi.grid import MacGrid
 from valvefsi.run.recording import Orifice
@@ -29,7 +29,7 @@ KERNEL = "composite_bspline32"
 LINE = 720
 """Points around the axis that mark where the leaflets are attached."""
 ALONG, ACROSS = 1000.0, 5.0
-"""Rates [1/s] at which points of the housing near a side of the box slip back along it and across it."""
+"""Rates [1/s] at which points of the housing held one by one slip back along it, and near a side across it."""
 
 
 def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
@@ -106,7 +106,7 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
             name="housing",
             stiffness=share / case.dt**2,
             damping=share / case.dt,
-            slip=_slip(case, surface),
+            slip=_slip(case, surface, labels),
         )
     except StabilityError as error:
         message = f"the housing does not fit into the core of the box: {error}"
@@ -118,21 +118,22 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
     return (rigid,)
 
 
-def _slip(case: Case, surface: PointSurface) -> Array:
+def _slip(case: Case, surface: PointSurface, labels: Indices) -> Array:
     """Return the rates at which points slip back, ``(num_points, 3, 3)`` [1/s].
 
-    Points held one by one near a side of the box reach combinations whose forces cancel in the kernel, nearly all of
-    them along the surface, where they bear no pressure; what slips is the wall's yield times the rate. Points whose
-    kernel reaches the faces of the side see the velocity there, which no force changes, and are carried on for as long
-    as a run lasts: along the side's normal they slip back half their way in a step. Seams do not slip: along the wall
-    at a leaflet's root the springs bear the pressure difference, and what slips leaks.
+    Points held one by one, at ends and seams, reach combinations whose forces cancel in the kernel; nearly all of what
+    drifts is along the surface, where they bear no pressure and may slip at no cost: what slips is the wall's yield
+    under shear times the rate. Points whose kernel reaches the faces of a side see the velocity there, which no force
+    changes, and are carried on for as long as a run lasts. Along the side's normal they slip back half their way in a
+    step; across the wall slowly, as the fluid that passes is the yield under pressure times the rate.
     """
     h, (low, high) = case.grid.spacing, case.grid.bounds[2]
-    n, inward = surface.normals, np.minimum(surface.points[:, 2] - low, high - surface.points[:, 2]) / h
+    z, reach, n = surface.points[:, 2], 1.5 * h - 1e-9, surface.normals
     across = n[:, :, None] * n[:, None, :]
-    rates = min(ALONG, 0.1 / case.dt) * (np.eye(3) - across) + ACROSS * across
-    slip = np.where((inward < 0.5 + SEAM)[:, None, None], rates, 0.0)
-    slip[inward < 1.5 - 1e-9, 2, 2] += 0.5 / case.dt
+    at_side, alone = (z < low + reach) | (z > high - reach), labels < 0
+    slip = min(ALONG, 0.1 / case.dt) * alone[:, None, None] * (np.eye(3) - across)
+    slip[at_side] += ACROSS * across[at_side]
+    slip[at_side, 2, 2] += 0.5 / case.dt
     return slip
 
 
@@ -152,5 +153,5 @@ def _patched_section(case: Case) -> tuple[PointSurface, Indices]:
         surfaces.append(section.stent(h, shape.geometry(), shape.base))
         seam = attachment_line(shape.geometry(), shape.base, LINE)
     whole = joined(*surfaces)
-    labels = patch_labels(surfaces, h, ends, seam)
+    labels = Patches(patch_labels(surfaces, h, ends, seam), whole.normals, whole.areas).labels
     return whole.moved(h * surface_offset(KERNEL, whole.normals, (0.0, 0.0, 1.0))), labels
