@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.bodies.patches import PatchedSurface, Patches
+from valvefsi.bodies.filling import Filling
+from valvefsi.bodies.patches import PatchedSurface
+from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.case.models import Case
 from valvefsi.case.valve_tables import ValveShape
 from valvefsi.coupling.kernel_properties import largest_square_sum
@@ -28,8 +30,6 @@ KERNEL = "composite_bspline32"
 
 LINE = 720
 """Points around the axis that mark where the leaflets are attached."""
-ALONG, ACROSS = 1000.0, 5.0
-"""Rates [1/s] at which points of the housing held one by one slip back along it, and near a side across it."""
 
 
 def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
@@ -79,8 +79,8 @@ def valve_of(case: Case) -> tuple[str, ValveShape]:
     return case.solid[found[0]].name, found[1]
 
 
-def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
-    """Build the housing of a case, with its stent.
+def build_rigid(case: Case, grid: MacGrid) -> tuple[RigidSurface, ...]:
+    """Build the housing of a case, with its stent, and what fills the box outside.
 
     Springs and dampers are a given part of what an explicit step carries on the mass that the kernel moves, see
     `valvefsi.run.planning`.
@@ -106,7 +106,7 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
             name="housing",
             stiffness=share / case.dt**2,
             damping=share / case.dt,
-            slip=_slip(case, surface, labels),
+            slip=_end_slip(case, surface),
         )
     except StabilityError as error:
         message = f"the housing does not fit into the core of the box: {error}"
@@ -115,25 +115,34 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[PatchedSurface, ...]:
         )
     raise_together(grid.comm, problem)
     assert rigid is not None  # or all ranks have raised
-    return (rigid,)
+    return (rigid, _filling(case, grid)) if housing.fill else (rigid,)
 
 
-def _slip(case: Case, surface: PointSurface, labels: Indices) -> Array:
+def _filling(case: Case, grid: MacGrid) -> Filling:
+    """Return what holds the fluid outside the housing still."""
+    housing, h, (low, high) = case.housing, case.grid.spacing, case.grid.bounds[2]
+    assert housing is not None  # `build_rigid` has looked
+    share = housing.hold * case.fluid.density
+    return Filling(
+        housing.section().housing(h, (low, high)),
+        Coupling(grid, KERNEL),
+        name="filling",
+        stiffness=share / case.dt**2,
+        damping=share / case.dt,
+    )
+
+
+def _end_slip(case: Case, surface: PointSurface) -> Array:
     """Return the rates at which points slip back, ``(num_points, 3, 3)`` [1/s].
 
-    Points held one by one, at ends and seams, reach combinations whose forces cancel in the kernel; nearly all of what
-    drifts is along the surface, where they bear no pressure and may slip at no cost: what slips is the wall's yield
-    under shear times the rate. Points whose kernel reaches the faces of a side see the velocity there, which no force
-    changes, and are carried on for as long as a run lasts. Along the side's normal they slip back half their way in a
-    step; across the wall slowly, as the fluid that passes is the yield under pressure times the rate.
+    Points whose kernel reaches the faces of a side see the velocity there, which no force changes: along the side's
+    normal they would be carried on for as long as a run lasts, and push the fluid beside them harder and harder. There
+    they slip back half their way in a step; what bears pressures, across the wall, is held as everywhere.
     """
     h, (low, high) = case.grid.spacing, case.grid.bounds[2]
-    z, reach, n = surface.points[:, 2], 1.5 * h - 1e-9, surface.normals
-    across = n[:, :, None] * n[:, None, :]
-    at_side, alone = (z < low + reach) | (z > high - reach), labels < 0
-    slip = min(ALONG, 0.1 / case.dt) * alone[:, None, None] * (np.eye(3) - across)
-    slip[at_side] += ACROSS * across[at_side]
-    slip[at_side, 2, 2] += 0.5 / case.dt
+    z, reach = surface.points[:, 2], 1.5 * h - 1e-9
+    slip = np.zeros((len(z), 3, 3))
+    slip[(z < low + reach) | (z > high - reach), 2, 2] = 0.5 / case.dt
     return slip
 
 
@@ -152,6 +161,6 @@ def _patched_section(case: Case) -> tuple[PointSurface, Indices]:
         _, shape = valve_of(case)
         surfaces.append(section.stent(h, shape.geometry(), shape.base))
         seam = attachment_line(shape.geometry(), shape.base, LINE)
+    labels = patch_labels(surfaces, h, ends, seam)
     whole = joined(*surfaces)
-    labels = Patches(patch_labels(surfaces, h, ends, seam), whole.normals, whole.areas).labels
     return whole.moved(h * surface_offset(KERNEL, whole.normals, (0.0, 0.0, 1.0))), labels

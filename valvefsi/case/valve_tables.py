@@ -69,6 +69,10 @@ class Housing(Table):
         le=0.5,
         description="Springs and dampers that hold it, as a part of what the time step allows",
     )
+    fill: bool = Field(
+        True,
+        description="Whether the fluid outside is held still, so that nothing flows round the valve there",
+    )
     stent: Name | None = Field(
         None, description="Solid with a valve whose stent belongs to it", examples=["leaflets"]
     )

@@ -1,0 +1,105 @@
+"""The fluid behind a rigid wall, held still: nothing can flow round the wall where its kernel lets a little through.
+
+Every face of the grid that lies behind the wall has a spring and a damper of its own. No kernel is between them and the
+fluid, so no combination of theirs cancels on the grid, and none drifts.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from valvefsi.bodies.rigid import RigidSurface
+
+if TYPE_CHECKING:
+    from valvefsi.coupling.transfer import Coupling
+    from valvefsi.geometry.aortic_section import PointSurface
+    from valvefsi.grid import MacGrid
+    from valvefsi.types import Array, Faces, Indices
+
+MARGIN = 0.5
+"""How far behind the wall a face lies at least, in spacings: before it the wall alone decides where the fluid stops."""
+
+
+class Filling(RigidSurface):
+    """The faces behind a wall; ``d`` is how far the fluid has been carried on the lower faces of each cell.
+
+    Args:
+        wall: Points of the wall and its normals away from the fluid, the same on all ranks.
+        coupling: Any kernel on the grid; it says which rank owns which cell.
+        name: Name in files.
+        stiffness: kappa per volume [dyn/cm^4].
+        damping: eta per volume [dyn s/cm^4].
+
+    Note:
+        Collective.
+    """
+
+    def __init__(
+        self, wall: PointSurface, coupling: Coupling, *, name: str, stiffness: float, damping: float
+    ) -> None:
+        cells = _Cells(wall, coupling)
+        given = {"name": name, "stiffness": stiffness, "damping": damping}
+        super().__init__(cells.points, cells.volumes, cells, **given)  # type: ignore[arg-type]
+
+
+class _Cells:
+    """The cells with a lower face behind a wall, in the place of a kernel's coupling."""
+
+    def __init__(self, wall: PointSurface, coupling: Coupling) -> None:
+        grid = coupling.grid
+        self.grid, self.coupling, tree = grid, coupling, cKDTree(wall.points)
+        centres = [grid.centres(axis) for axis in range(3)]
+        points = np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1).reshape(-1, 3)
+        widths = np.stack(np.meshgrid(*grid.cell_widths, indexing="ij"), axis=-1).reshape(-1, 3)
+        behind = np.empty(points.shape, dtype=bool)
+        for d in range(3):
+            faces = points - 0.5 * widths * (np.arange(3) == d)
+            nearest = tree.query(faces, workers=-1)[1]
+            depth = ((faces - wall.points[nearest]) * wall.normals[nearest]).sum(axis=1)
+            behind[:, d] = depth > MARGIN * float(grid.spacing[0])
+        some = behind.any(axis=1)
+        self.points, self.volumes, self.behind = points[some], np.prod(widths[some], axis=1), behind[some]
+
+    def own(self, points: Array) -> Indices:
+        """Return the numbers of the cells of this rank."""
+        return self.coupling.own(points)
+
+    def stay(self, X: Array) -> _FaceTransfer:
+        """Return spreading and interpolation for this rank's cells."""
+        return _FaceTransfer(self.grid, X, self.behind[self.own(self.points)])
+
+
+class _FaceTransfer:
+    """Spreading to the faces and reading from them, without a kernel."""
+
+    def __init__(self, grid: MacGrid, X: Array, behind: Array) -> None:
+        self.grid, self.count = grid, len(X)
+        cell = np.empty((len(X), 3), dtype=np.int64)
+        for axis in range(3):
+            local = grid.centres(axis)[grid.start[axis] : grid.start[axis] + grid.size[axis]]
+            cell[:, axis] = np.searchsorted(local, X[:, axis] - 1e-9) + grid.ghosts[axis]
+        flat = np.ravel_multi_index((cell[:, 0], cell[:, 1], cell[:, 2]), grid.shape)
+        self.rows = [np.flatnonzero(behind[:, d]) for d in range(3)]
+        self.places = [flat[rows] for rows in self.rows]
+        self.volumes = [grid.volumes(d).ravel()[at] for d, at in enumerate(self.places)]
+
+    def spread(self, F: Array, out: Faces | None = None) -> Faces:
+        """Return the force density on the faces [dyn/cm^3] of forces by cell, ``(n, 3)`` [dyn]."""
+        out = self.grid.zero_faces() if out is None else out
+        for d in range(3):
+            out[d].ravel()[self.places[d]] += F[self.rows[d], d] / self.volumes[d]
+        return out
+
+    def interpolate(self, u: Faces) -> Array:
+        """Return the velocity on the lower faces of each cell that lie behind the wall, else 0, ``(n, 3)`` [cm/s]."""
+        U = np.zeros((self.count, 3))
+        for d in range(3):
+            U[self.rows[d], d] = u[d].ravel()[self.places[d]]
+        return U
+
+    def smooth(self, F: Array) -> Array:
+        """Return the force density that the cells feel of their own forces, ``(n, 3)`` [dyn/cm^3]."""
+        return self.interpolate(self.spread(F))
