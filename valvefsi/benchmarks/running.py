@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,15 +14,19 @@ import scipy.fft
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Job
+from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.errors import CaseError, StabilityError
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
+from valvefsi.fsi import Model, State
 from valvefsi.grid import MacGrid
 from valvefsi.io.checkpoint import newest_meta
 from valvefsi.io.history import read_history
+from valvefsi.run.recording import Output
+from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Outcome, Simulation
 from valvefsi.solid.structure import Structure
-from valvefsi.types import Array
+from valvefsi.types import Array, Mask
 
 AVERAGED = 0.2
 """Part of a run at its end that is averaged over."""
@@ -34,6 +39,59 @@ def flow_of(grid: MacGrid, boundary: Boundary, dt: float, **physics: Any) -> Nav
     """Return the fluid, its viscosity explicit where half of what that allows is longer than the step (collective)."""
     limit = ExplicitViscosity.limit(grid, rho=physics["rho"], mu=physics["mu"])
     return (ExplicitViscosity if 2.0 * dt < limit else NavierStokes)(grid, boundary, **physics)
+
+
+def springs(kernel: str, h: float, dt: float, hold: float) -> dict[str, Any]:
+    """Return stiffness and damping that hold points of a surface [dyn/cm^3, dyn s/cm^3].
+
+    Args:
+        kernel: Name of the regularised delta function.
+        h: Grid spacing [cm].
+        dt: Length of a step [s].
+        hold: Part of the limits of an explicit spring and damper on the fluid that the kernel moves, of density 1.
+    """
+    share = hold * h / largest_square_sum(kernel)
+    return {"stiffness": share / dt**2, "damping": share / dt}
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Adds columns to a history: their names, and what gives their values from a state (collective)."""
+
+    columns: tuple[str, ...]
+    values: Callable[[State], Sequence[float]]
+
+    def row(self, state: State) -> dict[str, float]:
+        """Return a value for each column (collective)."""
+        return dict(zip(self.columns, map(float, self.values(state)), strict=True))
+
+
+def fixed_steps(
+    model: Model,
+    folder: Path,
+    dt: float,
+    steps: int,
+    *,
+    rows: int,
+    cfl_max: float = math.inf,
+    initial: State | None = None,
+    **output: Any,
+) -> Simulation:
+    """Return a simulation of steps of one length.
+
+    Args:
+        model: The model.
+        folder: Folder of the run.
+        dt: Length of a step [s].
+        steps: Number of steps.
+        rows: Rows of the history that are wanted, at most twice as many are written.
+        cfl_max: Largest Courant number that is accepted.
+        initial: State at t = 0; the fluid at rest by default.
+        output: What else is written, see `Output`; by default a checkpoint every ten minutes.
+    """
+    kept = {"history_every": max(1, steps // rows), "checkpoint_wall_s": 600.0} | output
+    schedule = Schedule(dt=dt, t_end=steps * dt, cfl_max=cfl_max)
+    return Simulation(model, schedule, Output(directory=folder, **kept), initial)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,16 +174,21 @@ def late_size(history: History, column: str) -> float:
 
 def late_mean(history: History, column: str) -> float:
     """Return the mean of a column over the last part of a run."""
+    return float(history[column][late(history)].mean())
+
+
+def late(history: History) -> Mask:
+    """Return which rows of a history lie in the last part of the run, ``(n,)``."""
     t = history["t_s"]
-    return float(history[column][t >= (1.0 - AVERAGED) * t[-1]].mean())
+    return t >= (1.0 - AVERAGED) * t[-1]
 
 
 def gathered(solid: Structure, comm: MPI.Comm, chi: Array) -> Array:
     """Return the positions of all nodes of a solid by number, on all ranks, ``(num_nodes, 3)`` [cm] (collective)."""
     whole = np.zeros((solid.num_nodes, 3))
     whole[solid.ids] = chi
-    found: Array = comm.allreduce(whole)
-    return found
+    comm.Allreduce(MPI.IN_PLACE, whole)
+    return whole
 
 
 def plane_of(grid: MacGrid, own: Array) -> tuple[Array, list[Array]]:
