@@ -26,7 +26,7 @@ from valvefsi.run.recording import Output
 from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Outcome, Simulation
 from valvefsi.solid.structure import Structure
-from valvefsi.types import Array, Mask
+from valvefsi.types import Array, Indices, Mask
 
 AVERAGED = 0.2
 """Part of a run at its end that is averaged over."""
@@ -210,15 +210,47 @@ def time_of_pair(cells: Sequence[int]) -> float:
     return time.perf_counter() - started
 
 
+def outline_of(along: Array, across: Array, half: float, end: float) -> Indices:
+    """Return numbers of the points on the outline of a strip: up one side, over its end, down the other, ``(m,)``.
+
+    Args:
+        along: Positions along the strip, ``(n,)`` [cm].
+        across: Distances from its middle line, ``(n,)`` [cm].
+        half: Half of its thickness [cm].
+        end: Where it ends [cm].
+    """
+    first, second = (np.abs(across - sign * half) < 1e-6 for sign in (-1.0, 1.0))
+    tip: Mask = (along > end - 1e-6) & ~first & ~second
+    parts = ((first, along), (tip, across), (second, -along))
+    return np.concatenate([np.flatnonzero(on)[np.argsort(order[on])] for on, order in parts])
+
+
+def off_one(history: History, body: str) -> float:
+    """Return the largest |J - 1| of a solid over a run."""
+    return float(np.maximum(1.0 - history[f"{body}_J_min"], history[f"{body}_J_max"] - 1.0).max())
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A field in the cells ``(nx, ny)`` between edges [cm] at a time [s], and outlines of bodies ``(n, 2)`` [cm]."""
+
+    t: float
+    edges: list[Array]
+    field: Array
+    outlines: list[Array]
+
+
 @dataclass
 class Sights:
-    """Steps at or after which something is kept for a picture, and what was kept."""
+    """Steps at or after which the flow is kept for a picture, and what was kept."""
 
     due: list[int]
-    kept: list[Any] = field(default_factory=list)
+    kept: list[Snapshot] = field(default_factory=list)
 
-    def take(self, step: int, look: Callable[[], Any]) -> None:
-        """Keep a look where one is due (collective)."""
-        if self.due and step >= self.due[0]:
-            self.due = [later for later in self.due if later > step]
-            self.kept.append(look())
+    def take(self, state: State, grid: MacGrid, look: Callable[[], tuple[Array, list[Array]]]) -> None:
+        """Keep a field in this rank's cells and outlines, ``look()``, where a picture is due (collective)."""
+        if self.due and state.step >= self.due[0]:
+            self.due = [later for later in self.due if later > state.step]
+            own, outlines = look()
+            whole, edges = plane_of(grid, own)
+            self.kept.append(Snapshot(state.t, edges, whole, outlines))
