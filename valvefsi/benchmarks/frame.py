@@ -73,6 +73,7 @@ class Report:
         reference: What they are compared with.
         timing: Numbers beside the wall-clock time.
         more: Further entries of ``result.json``.
+        draw: Draws pictures into a folder (called on rank 0), of a `Single` benchmark.
     """
 
     parameters: Mapping[str, Any]
@@ -81,6 +82,7 @@ class Report:
     reference: Mapping[str, Any] = field(default_factory=dict)
     timing: Mapping[str, Any] = field(default_factory=dict)
     more: Mapping[str, Any] = field(default_factory=dict)
+    draw: Callable[[Path], None] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,6 +275,36 @@ class Benchmark(Command, Generic[R, K]):
             text = json.dumps({"asked": asked, "record": public(record)}, default=plain)
             (job.folder / "run.json").write_text(text + "\n")
         return record
+
+
+@dataclass(frozen=True, kw_only=True)
+class Single(Benchmark[None, None]):
+    """A benchmark of one run, whose report says all; ``cell_steps`` in its timing become a speed."""
+
+    @abstractmethod
+    def measured(self, job: Job) -> Report:
+        """Return what the run says (collective)."""
+
+    def runs(self) -> list[None]:
+        """Return the only run."""
+        return [None]
+
+    def one(self, run: None, job: Job) -> Record:
+        """Return the report."""
+        return {"_report": self.measured(job)}
+
+    def report(self, records: Sequence[Record], reference: None) -> Report:
+        """Return the report with the speed."""
+        (r,) = records
+        timing = dict(r["_report"].timing)
+        if "cell_steps" in timing:
+            timing["cell_steps_per_s"] = timing.pop("cell_steps") / r["wall_s"]
+        return replace(r["_report"], timing=timing)
+
+    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
+        """Draw what the report draws."""
+        if (draw := records[0]["_report"].draw) is not None:
+            draw(out)
 
 
 def public(record: Mapping[str, Any], *without: str) -> Record:

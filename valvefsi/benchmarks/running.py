@@ -191,12 +191,18 @@ def gathered(solid: Structure, comm: MPI.Comm, chi: Array) -> Array:
     return whole
 
 
+def whole_of(grid: MacGrid, own: Array, shape: Sequence[int]) -> Array:
+    """Return values on all ranks from this rank's, which begin where its cells do, ``shape`` (collective)."""
+    whole = np.zeros(shape)
+    whole[tuple(slice(s, s + n) for s, n in zip(grid.start, own.shape, strict=False))] = own
+    values: Array = grid.comm.allreduce(whole)
+    return values
+
+
 def plane_of(grid: MacGrid, own: Array) -> tuple[Array, list[Array]]:
     """Return values in the cells of a plane ``(nx, ny)`` on all ranks from this rank's, and the edges (collective)."""
-    whole = np.zeros(grid.cells[:2])
-    whole[tuple(slice(s, s + n) for s, n in zip(grid.start[:2], own.shape, strict=True))] = own
     edges = [grid.lower[d] + np.concatenate([[0.0], np.cumsum(grid.cell_widths[d])]) for d in range(2)]
-    return grid.comm.allreduce(whole), edges
+    return whole_of(grid, own, grid.cells[:2]), edges
 
 
 def time_of_pair(cells: Sequence[int]) -> float:

@@ -7,7 +7,6 @@ flows after that leaks between the points and through the kernel.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
+from valvefsi.benchmarks.frame import Job, Report, Single
 from valvefsi.benchmarks.options import Parameters, Values, require
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import Columns, completed, fixed_steps, springs
@@ -29,6 +28,7 @@ from valvefsi.geometry.aortic_section import AorticSection, closing_plate, joine
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
 from valvefsi.run.simulation import Simulation
+from valvefsi.types import Array
 from valvefsi.units import MMHG
 
 PARAMETERS: Parameters = {
@@ -50,7 +50,7 @@ ASKED = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Leakage(Benchmark[float, None]):
+class Leakage(Single):
     """The closed section; the leak is the size of the mean flow over the last quarter of the run."""
 
     name = "leakage"
@@ -60,53 +60,40 @@ class Leakage(Benchmark[float, None]):
     def check(self, values: Values) -> None:
         require(values["hold"] <= 1.0, "expected a part of the explicit limit, at most 1", values, "hold")
 
-    def runs(self) -> list[float]:
-        return [self.values["h"]]
-
     def simulation(self, folder: Path, comm: MPI.Comm) -> Simulation:
         model, dt = build(self.values, comm), self.values["dt"]
         outflow = Columns(("leak_ml_s",), lambda state: [model.fluid.boundary.outflow(state.u, "z_lower")])
         steps = max(8, round(self.values["t_end"] / dt))
         return fixed_steps(model, folder, dt, steps, rows=steps, observers=(outflow,), provenance=self.values)
 
-    def one(self, run: float, job: Job) -> Record:
+    def measured(self, job: Job) -> Report:
         simulation = self.simulation(job.folder, job.comm)
         h, model = completed(simulation, job), simulation.model
         t, flow = h["t_s"][1:], h["leak_ml_s"][1:]
         late = flow[-max(1, round(LATE * len(flow))) :]
-        return {
-            "size": {"cells": list(model.grid.cells), "points": model.bodies[0].num_points},
-            "steps": len(flow),
-            "leak": abs(float(late.mean())),
-            "swing": float(0.5 * np.ptp(late)),
-            "largest": float(np.abs(flow).max()),
-            "_flow": (t, flow),
-        }
-
-    def report(self, records: Sequence[Record], reference: None) -> Report:
-        (r,) = records
+        leak = abs(float(late.mean()))
         asked: tuple[str | None, str] = (None, "")
         if self.published("h", "pressure"):
             asked = (f"below {ASKED}", "what is asked at 100 mmHg and h = 1 mm")
         return Report(
             parameters=self.values,
-            quantities={"leak_ml_s": r["leak"]},
-            more={"size": r["size"]},
+            quantities={"leak_ml_s": leak},
+            more={"size": {"cells": list(model.grid.cells), "points": model.bodies[0].num_points}},
             table=[
-                row("leak, mean of the last quarter", r["leak"], *asked, unit="ml/s"),
-                row("swing about it", r["swing"], unit="ml/s"),
-                row("largest flow while the springs yield", r["largest"], unit="ml/s"),
+                row("leak, mean of the last quarter", leak, *asked, unit="ml/s"),
+                row("swing about it", float(0.5 * np.ptp(late)), unit="ml/s"),
+                row("largest flow while the springs yield", float(np.abs(flow).max()), unit="ml/s"),
             ],
-            timing={"steps": r["steps"]},
+            timing={"steps": len(flow)},
+            draw=lambda out: self._draw(out, t, flow),
         )
 
-    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
+    def _draw(self, out: Path, t: Array, flow: Array) -> None:
         from valvefsi.post.plots.decay import leak
 
         v = self.values
         what = "with sinuses" if v["sinuses"] == "yes" else "without sinuses"
         case = f"h = {10 * v['h']:.3g} mm, {v['pressure'] / MMHG:.4g} mmHg"
-        t, flow = records[0]["_flow"]
         leak(out / "leak.png", t, flow, LATE, title=f"Closed test section {what}, {case}")
 
 

@@ -13,7 +13,7 @@ which has settled to 1 % after some R^2 / (5.78 nu) times five. The points lie o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from mpi4py import MPI
 from scipy.special import jn_zeros
 
 from valvefsi import fsi
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
+from valvefsi.benchmarks.frame import Job, Report, Single
 from valvefsi.benchmarks.options import Parameters, Values, option, read_quantities, require
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import Columns, completed, fixed_steps, springs
@@ -191,7 +191,7 @@ def flow_over_final(model: fsi.Model, weights: Faces, relaxation: float) -> Colu
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tube(Benchmark[float, None]):
+class Tube(Single):
     """Flow in a tube of held points, from rest until long after it has settled."""
 
     name = "tube"
@@ -218,14 +218,10 @@ class Tube(Benchmark[float, None]):
         """Spacings across the tube."""
         return 2.0 * self.values["radius"] / self.spacing
 
-    def runs(self) -> list[float]:
-        """Return the spacing."""
-        return [self.spacing]
-
-    def one(self, run: float, job: Job) -> Record:
-        """Run the tube and read off its flow."""
-        values = self.values
-        model, weights, dt = build(self.angle, run, values, job.comm)
+    def measured(self, job: Job) -> Report:
+        """Run the tube: the error at the end, the largest one and its drift over the second half."""
+        values, unit = self.values, "% of the final flow"
+        model, weights, dt = build(self.angle, self.spacing, values, job.comm)
         steps = max(4, math.ceil(values["t_end"] / dt))
         simulation = fixed_steps(
             model,
@@ -234,21 +230,10 @@ class Tube(Benchmark[float, None]):
             steps,
             rows=600,
             observers=(flow_over_final(model, weights, values["relaxation"]),),
-            provenance={**values, "grid": run, "angle": self.angle},
+            provenance={**values, "grid": self.spacing, "angle": self.angle},
         )
         h = completed(simulation, job)
-        return {
-            "t": h["t_s"].tolist(),
-            "flow": h["flow_over_final"].tolist(),
-            "error": h["flow_error_percent"].tolist(),
-            "steps": steps,
-            "cells": list(model.grid.cells),
-        }
-
-    def report(self, records: Sequence[Record], reference: None) -> Report:
-        """Return the error at the end, the largest one and its drift over the second half."""
-        (r,), unit = records, "% of the final flow"
-        t, error = np.array(r["t"]), np.array(r["error"])
+        t, flow, error = (h[name] for name in ("t_s", "flow_over_final", "flow_error_percent"))
         middle, last = np.interp([0.5 * t[-1], t[-1]], t, error)
         numbers = {
             "flow_error_percent": float(last),
@@ -257,22 +242,22 @@ class Tube(Benchmark[float, None]):
         }
         swing = float(np.ptp(error[t > 0.5 * t[-1]]))
         return Report(
-            parameters={**self.values, "h": self.spacing, "angle": self.angle},
+            parameters={**values, "h": self.spacing, "angle": self.angle},
             quantities=numbers,
-            more={"size": {"cells": r["cells"], "across": self.across}},
+            more={"size": {"cells": list(model.grid.cells), "across": self.across}},
             table=[
                 row("flow, error at the end", numbers["flow_error_percent"], unit=unit),
                 row("largest error, start-up included", numbers["largest_flow_error_percent"], unit=unit),
                 row("change of the error over the second half", swing, unit=unit),
             ],
-            timing={"steps": r["steps"]},
+            timing={"steps": steps},
+            draw=lambda out: self._draw(out, t, flow, error),
         )
 
-    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
+    def _draw(self, out: Path, t: Array, flow: Array, error: Array) -> None:
         """Draw the flow over the series, and how far it is off."""
         from valvefsi.post.plots.tube import start_up_flow
 
-        t, flow, error = (np.array(records[0][key]) for key in ("t", "flow", "error"))
         exact = start_up(t, self.values["relaxation"])
         title = f"Tube of held points, {self.across:.3g} cells across, {self.angle} degrees to the grid"
         start_up_flow(out / "flow.png", (t[1:], flow[1:], exact[1:], error[1:]), title=title)

@@ -7,7 +7,7 @@ smoothly over the first 40 % of the run; displacement and area are averaged over
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, Result, Session
+from valvefsi.benchmarks.frame import Job, Report, Result, Session, Single
 from valvefsi.benchmarks.immersed.numerics import Numerics
 from valvefsi.benchmarks.immersed.study import GridStudy
 from valvefsi.benchmarks.options import Parameters, Values, option, read_parameters, read_quantities
@@ -57,7 +57,7 @@ PARAMETERS: Parameters = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Compression(Benchmark[str, None]):
+class Compression(Single):
     """The block on one grid, against statics on its own mesh; or on a series of grids, stabilised and not."""
 
     name = "compression"
@@ -143,47 +143,41 @@ class Compression(Benchmark[str, None]):
     def execute(self, session: Session) -> Result:
         return self.series().execute(session) if self.refine else super().execute(session)
 
-    def runs(self) -> list[str]:
-        return [self.folder]
-
-    def one(self, run: str, job: Job) -> Record:
+    def measured(self, job: Job) -> Report:
         case, replaces = self.case(), self.replaces
         with run_folder(case, job.folder, job.comm, resume=job.resume, overwrite=replaces) as changes:
             simulation = build(case, job.folder, job.comm, changes)
             if replaces and not job.resume:
                 clear(job.folder, job.comm)
             write_case(case, job.folder, job.comm, changes)
-            reference = static_reference(simulation, case)
+            exact = static_reference(simulation, case)
             outcome = simulation.run(resume=job.resume, progress=job.progress)
-        lines = {KEY: ("statics", reference), "block_area_change_percent": ("incompressible", 0.0)}
+        lines = {KEY: ("statics", exact), "block_area_change_percent": ("incompressible", 0.0)}
         title = "Compressed block, {elements} elements, {grid}$^2$ cells, {kernel}".format(**self.chosen)
         simulation.pictures(outcome.state, title=title, references=lines)
-        return {
-            "quantities": job.comm.bcast(_quantities(job.folder, case) if job.comm.rank == 0 else None),
-            "reference": reference,
-            "case": case_parameters(case),
-            "timing": outcome.timing(simulation.model.grid),
-        }
-
-    def report(self, records: Sequence[Record], reference: None) -> Report:
-        (r,), name = records, "u_y of the top centre"
-        q, u_y, exact = r["quantities"], r["quantities"][KEY], r["reference"]
+        q = job.comm.bcast(_quantities(job.folder, case) if job.comm.rank == 0 else None)
+        parameters, name, u_y, area = (
+            case_parameters(case),
+            "u_y of the top centre",
+            q[KEY],
+            q["area_change_percent"],
+        )
         table = [row(name, u_y, exact, "mixed u-p statics, same mesh, this run", unit="cm")]
-        if all(r["case"][key] == PARAMETERS[key][0] for key in ("traction", "c1")):
+        if all(parameters[key] == PARAMETERS[key][0] for key in ("traction", "c1")):
             table.append(row("", u_y, converged(), "mixed elements, converged", unit="cm"))
-        area = q["area_change_percent"]
         table += [
             row("area change", area, 0.0, "incompressible", unit="%", relative=False),
             row("smallest J", q["J_min"], source="1 when incompressible"),
             row("largest J", q["J_max"], source="1 when incompressible"),
         ]
+        timing = outcome.timing(simulation.model.grid)
         return Report(
-            parameters=self.chosen | r["case"],
+            parameters=self.chosen | parameters,
             quantities=q,
             reference={KEY: exact},
             more={"relative_error": (u_y - exact) / abs(exact)},
             table=table,
-            timing=r["timing"],
+            timing=timing,
         )
 
 
