@@ -139,6 +139,11 @@ def read_quantities(parameters: Parameters, overrides: Sequence[str]) -> Values:
     return values
 
 
+def texts(values: Values, *keys: str) -> list[str]:
+    """Return the overrides that give these values, or some of them."""
+    return [f"{key}={values[key]!r}" for key in keys or values]
+
+
 def require(holds: bool, message: str, values: Values, key: str) -> None:
     """Refuse a parameter unless something holds.
 

@@ -17,9 +17,8 @@ from mpi4py import MPI
 
 from valvefsi.benchmarks.immersed.numerics import Numerics
 from valvefsi.benchmarks.immersed.study import SolidStudy
-from valvefsi.benchmarks.options import Parameters, option
-from valvefsi.benchmarks.statics.cook import band
-from valvefsi.benchmarks.statics.cook import solve as solve_statics
+from valvefsi.benchmarks.options import Parameters, option, texts
+from valvefsi.benchmarks.statics.cook import StaticCook, band
 from valvefsi.benchmarks.statics.study import Mesh
 from valvefsi.geometry.benchmark_shapes import COOK, cook_membrane
 from valvefsi.grid import MacGrid
@@ -79,8 +78,8 @@ class Cook(SolidStudy):
         return MacGrid(SHIFT, [s + BOX for s in SHIFT], [cells] * 2, [False, False], comm)
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-        static = {"traction": self.values["traction"], "c1": self.values["c1"], "scale": 1.0}
-        answer = solve_statics(static, Mesh(cell="quadrilateral", elements=FINE), comm)
+        static = StaticCook(overrides=texts(self.values, "traction", "c1"))
+        answer = static.solve(Mesh(cell="quadrilateral", elements=FINE), comm)
         return answer.values["u_y_corner_cm"], f"mixed u-p statics, {FINE} x {FINE}, this run"
 
     def elsewhere(self) -> list[tuple[float | str, str]]:

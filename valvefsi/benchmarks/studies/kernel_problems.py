@@ -21,10 +21,9 @@ from valvefsi.benchmarks.immersed import compression, cook, shell
 from valvefsi.benchmarks.immersed.compression import BOX, LENGTH
 from valvefsi.benchmarks.immersed.numerics import Numerics
 from valvefsi.benchmarks.immersed.study import GridStudy
-from valvefsi.benchmarks.options import Parameters, Values, changed, defaults
+from valvefsi.benchmarks.options import Parameters, Values, changed, texts
 from valvefsi.benchmarks.running import History, late_mean, late_size
-from valvefsi.benchmarks.statics.compression import PARAMETERS as STATIC_BLOCK
-from valvefsi.benchmarks.statics.compression import solve as solve_statics
+from valvefsi.benchmarks.statics.compression import StaticCompression
 from valvefsi.benchmarks.statics.study import Mesh
 from valvefsi.errors import StabilityError
 
@@ -146,8 +145,8 @@ class QuickBlock(compression.BlockSeries):
         }
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-        static = defaults(STATIC_BLOCK) | {key: self.values[key] for key in ("traction", "c1")}
-        answer = solve_statics(static, Mesh(cell="quadrilateral", elements=STATIC), comm)
+        static = StaticCompression(overrides=texts(self.values, "traction", "c1"))
+        answer = static.solve(Mesh(cell="quadrilateral", elements=STATIC), comm)
         return answer.values[self.key], f"mixed u-p statics, {2 * STATIC} x {STATIC}"
 
 
@@ -181,7 +180,7 @@ class LoadedBody(StudyProblem):
 
     def of(self, values: Values) -> GridStudy:
         """Return the study with these values."""
-        return self.study(overrides=[f"{key}={value!r}" for key, value in values.items()])
+        return self.study(overrides=texts(values))
 
     def reference(self, values: Values, comm: MPI.Comm) -> float:
         return self.of(values).incompressible(Numerics(grid=self.grid), comm)[0]
