@@ -28,7 +28,7 @@ REYNOLDS = (100, 1000, 5000)
 
 def published(reynolds: int, component: str) -> tuple[Array, Array]:
     """Return positions and velocity: u on the vertical centre line, v on the horizontal one, ``(n,)`` each."""
-    table, where = references.read("ghia1982_cavity"), {"reynolds": reynolds, "component": component}
+    table, where = references.read("ghia1982_cavity"), {"reynolds": str(reynolds), "component": component}
     return table.column("position", **where), table.column("velocity", **where)
 
 
