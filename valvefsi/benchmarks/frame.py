@@ -12,17 +12,18 @@ import json
 import time
 from abc import ABC, abstractmethod
 from collections import defaultdict
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, is_dataclass
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from mpi4py import MPI
 
 from valvefsi.benchmarks.options import Parameters, Values, check_options, option, read_parameters
 from valvefsi.benchmarks.results import Row, environment, peak_memory, plain, write_result
 from valvefsi.runtime.memory import keep_freed_memory
+from valvefsi.types import Progress
 
 Record = dict[str, Any]
 """What one run gives, by name; names that begin with "_" are for pictures and in no file."""
@@ -33,23 +34,10 @@ Result = dict[str, Any]
 R = TypeVar("R")
 """What tells one run of a benchmark from another: its cells, its numerics."""
 K = TypeVar("K")
-"""What a benchmark is compared with, found before the first run."""
-
-
-class Progress(Protocol):
-    """Called after every step: steps, time, end of the run, and what else is worth a look."""
-
-    def __call__(self, step: int, t: float, t_end: float, info: Mapping[str, Any], /) -> None:
-        """Show how far the run is."""
-        ...
-
-
-class Announce(Protocol):
-    """Called before each run, and at the end with ``done == total``: makes what shows the run."""
-
-    def __call__(self, name: str, done: int, total: int, left: float | None) -> Progress | None:
-        """Say that the run ``name`` is next, after ``done`` of ``total``, with ``left`` seconds to go if known."""
-        ...
+"""What a benchmark is compared with, computed before the first run."""
+Announce = Callable[[str, int, int, float | None], Progress | None]
+"""Called before each run with its name, how many of how many are done, and the time to go [s] if known; at the end with
+all done. Makes what shows the run."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +73,7 @@ class Report:
         reference: What they are compared with.
         timing: Numbers beside the wall-clock time.
         more: Further entries of ``result.json``.
+        draw: Draws pictures into a folder (called on rank 0), of a `Single` benchmark.
     """
 
     parameters: Mapping[str, Any]
@@ -93,6 +82,17 @@ class Report:
     reference: Mapping[str, Any] = field(default_factory=dict)
     timing: Mapping[str, Any] = field(default_factory=dict)
     more: Mapping[str, Any] = field(default_factory=dict)
+    draw: Callable[[Path], None] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """One call of a command, see `Command.run`."""
+
+    out: Path
+    comm: MPI.Comm
+    announce: Announce | None
+    resume: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +120,6 @@ class Command(ABC):
         """Name of the folder of the results."""
         return self.name
 
-    @abstractmethod
     def run(
         self,
         *,
@@ -146,6 +145,27 @@ class Command(ABC):
         Note:
             Collective.
         """
+        keep_freed_memory()
+        return self.execute(Session(out=Path(out), comm=comm, announce=progress, resume=resume))
+
+    @abstractmethod
+    def execute(self, session: Session) -> Result:
+        """Run everything and write it down, see `run` (collective)."""
+
+    def written(self, report: Report, session: Session) -> Result:
+        """Write ``result.json`` and return what it holds (collective)."""
+        result = {
+            "benchmark": self.name,
+            "parameters": dict(report.parameters),
+            "quantities": dict(report.quantities),
+            "reference": dict(report.reference),
+            **report.more,
+            "table": list(report.table),
+            "timing": dict(report.timing),
+            "environment": environment(session.comm),
+        }
+        write_result(session.out, result, session.comm)
+        return result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,14 +207,14 @@ class Benchmark(Command, Generic[R, K]):
         """Return what one run gives, the same on all ranks (collective)."""
 
     @abstractmethod
-    def report(self, records: Sequence[Record], known: K) -> Report:
+    def report(self, records: Sequence[Record], reference: K) -> Report:
         """Return what the runs so far say."""
 
     def references(self, comm: MPI.Comm) -> K:
         """Return what the runs are compared with, where it takes work (collective)."""
         return None  # type: ignore[return-value]
 
-    def draw(self, records: Sequence[Record], known: K, out: Path) -> None:
+    def draw(self, records: Sequence[Record], reference: K, out: Path) -> None:
         """Draw pictures (on rank 0)."""
         return
 
@@ -214,31 +234,27 @@ class Benchmark(Command, Generic[R, K]):
         """Return kinds that a run belongs to and that take about as long, the narrowest first; none: no forecast."""
         return ()
 
-    def run(
-        self,
-        *,
-        out: Path,
-        comm: MPI.Comm = MPI.COMM_WORLD,
-        progress: Announce | None = None,
-        resume: bool = False,
-    ) -> Result:
+    def execute(self, session: Session) -> Result:
         """Run the series, see `Command.run`."""
-        keep_freed_memory()
-        out, runs, forecast = Path(out), self.runs(), Forecast(self)
-        known = self.references(comm)
+        runs, forecast, comm = self.runs(), Forecast(self), session.comm
+        reference = self.references(comm)
         records: list[Record] = []
         result: Result = {}
+        announce = session.announce or (lambda *_: None)
         for k, one in enumerate(runs):
-            shown = progress(self.label(one), k, len(runs), forecast.left(runs[k:])) if progress else None
-            job = Job(folder=self.place(one, out), comm=comm, progress=shown, resume=resume)
+            progress = announce(self.label(one), k, len(runs), forecast.left(runs[k:]))
+            job = Job(
+                folder=self.place(one, session.out), comm=comm, progress=progress, resume=session.resume
+            )
             records.append(self._record(one, job))
             forecast.add(one, records[-1]["wall_s"])
-            result = self._result(self.report(records, known), records, comm)
-            write_result(out, result, comm)
-        if progress:
-            progress("", len(runs), len(runs), 0.0)
+            report = self.report(records, reference)
+            whole = {"wall_s": sum(record["wall_s"] for record in records)}
+            whole["peak_memory_gib"] = records[-1]["peak_memory_gib"]
+            result = self.written(replace(report, timing=whole | dict(report.timing)), session)
+        announce("", len(runs), len(runs), 0.0)
         if comm.rank == 0:
-            self.draw(records, known, out)
+            self.draw(records, reference, session.out)
         comm.barrier()
         return result
 
@@ -260,19 +276,35 @@ class Benchmark(Command, Generic[R, K]):
             (job.folder / "run.json").write_text(text + "\n")
         return record
 
-    def _result(self, report: Report, records: Sequence[Record], comm: MPI.Comm) -> Result:
-        wall = sum(record["wall_s"] for record in records)
-        memory = records[-1]["peak_memory_gib"]
-        return {
-            "benchmark": self.name,
-            "parameters": dict(report.parameters),
-            "quantities": dict(report.quantities),
-            "reference": dict(report.reference),
-            **report.more,
-            "table": list(report.table),
-            "timing": {"wall_s": wall, "peak_memory_gib": memory, **report.timing},
-            "environment": environment(comm),
-        }
+
+@dataclass(frozen=True, kw_only=True)
+class Single(Benchmark[None, None]):
+    """A benchmark of one run, whose report says all; ``cell_steps`` in its timing become a speed."""
+
+    @abstractmethod
+    def measured(self, job: Job) -> Report:
+        """Return what the run says (collective)."""
+
+    def runs(self) -> list[None]:
+        """Return the only run."""
+        return [None]
+
+    def one(self, run: None, job: Job) -> Record:
+        """Return the report."""
+        return {"_report": self.measured(job)}
+
+    def report(self, records: Sequence[Record], reference: None) -> Report:
+        """Return the report with the speed."""
+        (r,) = records
+        timing = dict(r["_report"].timing)
+        if "cell_steps" in timing:
+            timing["cell_steps_per_s"] = timing.pop("cell_steps") / r["wall_s"]
+        return replace(r["_report"], timing=timing)
+
+    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
+        """Draw what the report draws."""
+        if (draw := records[0]["_report"].draw) is not None:
+            draw(out)
 
 
 def public(record: Mapping[str, Any], *without: str) -> Record:
@@ -308,7 +340,7 @@ class Forecast:
         return total
 
 
-def _plain_run(run: object) -> object:
+def _plain_run(run: Any) -> Any:
     return asdict(run) if is_dataclass(run) and not isinstance(run, type) else run
 
 
@@ -338,30 +370,21 @@ class Joined(Command):
         """Return what was run, by part."""
         return {part: result["parameters"] for part, result in results.items()}
 
-    def run(
-        self,
-        *,
-        out: Path,
-        comm: MPI.Comm = MPI.COMM_WORLD,
-        progress: Announce | None = None,
-        resume: bool = False,
-    ) -> Result:
+    def execute(self, session: Session) -> Result:
         """Run all of them, see `Command.run`."""
-        members = self.members()
-        found = {
-            part: one.run(out=Path(out) / part, comm=comm, progress=progress) for part, one in members.items()
+        results = {
+            part: one.run(out=session.out / part, comm=session.comm, progress=session.announce)
+            for part, one in self.members().items()
         }
-        result = {
-            "benchmark": self.name,
-            "parameters": self.parameters_of(found),
-            **{key: {part: one[key] for part, one in found.items()} for key in ("quantities", "reference")},
-            "table": [
+        report = Report(
+            parameters=self.parameters_of(results),
+            quantities={part: result["quantities"] for part, result in results.items()},
+            reference={part: result["reference"] for part, result in results.items()},
+            table=[
                 {**line, "quantity": line["quantity"] and f"{self.title(part)}: {line['quantity']}"}
-                for part, one in found.items()
-                for line in one["table"]
+                for part, result in results.items()
+                for line in result["table"]
             ],
-            "timing": {"wall_s": sum(one["timing"]["wall_s"] for one in found.values())},
-            "environment": environment(comm),
-        }
-        write_result(out, result, comm)
-        return result
+            timing={"wall_s": sum(result["timing"]["wall_s"] for result in results.values())},
+        )
+        return self.written(report, session)

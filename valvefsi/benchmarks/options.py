@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from valvefsi.case.overrides import nearest, split_override
 from valvefsi.case.quantities import Quantity
 from valvefsi.errors import CaseError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 Values = dict[str, Any]
 """Parameters by name: numbers in CGS, or words."""
@@ -38,12 +41,12 @@ class Option:
     least: float | None = None
     most: float | None = None
     between: tuple[float, float] | None = None
-    choices: Collection[object] | None = None
+    choices: Collection[str | int] | None = None
     everything: bool = False
     metavar: str | None = None
 
 
-def option(default: object, help: str, **more: Any) -> Any:
+def option(default: Any, help: str, **more: Any) -> Any:
     """Return a field of a benchmark that is an option of its command; ``more`` as of `Option`."""
     return field(default=default, metadata={"option": Option(help=help, **more)})
 
@@ -58,7 +61,7 @@ def flag_of(name: str, chosen: Option) -> str:
     return chosen.flag or "--" + name.replace("_", "-")
 
 
-def check_options(holder: object) -> None:
+def check_options(holder: DataclassInstance) -> None:
     """Refuse numbers out of their range and words that are no choice, wherever the options came from.
 
     Raises:
@@ -86,14 +89,14 @@ def _check_number(number: float, chosen: Option, flag: str) -> None:
         raise CaseError(f"expected a number {ends}", key=flag, value=number)
 
 
-def _check_words(words: Sequence[object], known: Sequence[str], flag: str) -> None:
+def _check_words(words: Sequence[str | int], choices: Sequence[str], flag: str) -> None:
     if not words:
-        raise CaseError(f"expected some of {', '.join(known)}", key=flag)
+        raise CaseError(f"expected some of {', '.join(choices)}", key=flag)
     for word in words:
-        if str(word) not in known:
-            near = nearest(word, known) if isinstance(word, str) else ""
+        if str(word) not in choices:
+            near = nearest(word, choices) if isinstance(word, str) else ""
             near = near if near.startswith("; did") else ""
-            raise CaseError(f"expected one of {', '.join(known)}{near}", key=flag, value=word)
+            raise CaseError(f"expected one of {', '.join(choices)}{near}", key=flag, value=word)
 
 
 def defaults(parameters: Parameters) -> Values:
@@ -136,7 +139,22 @@ def read_quantities(parameters: Parameters, overrides: Sequence[str]) -> Values:
     return values
 
 
-def _parse(key: str, text: object, expected: str | Sequence[str]) -> float | str:
+def texts(values: Values, *keys: str) -> list[str]:
+    """Return the overrides that give these values, or some of them."""
+    return [f"{key}={values[key]!r}" for key in keys or values]
+
+
+def require(holds: bool, message: str, values: Values, key: str) -> None:
+    """Refuse a parameter unless something holds.
+
+    Raises:
+        CaseError: It does not hold; the message says what was expected.
+    """
+    if not holds:
+        raise CaseError(message, file="--set", key=key, value=values[key])
+
+
+def _parse(key: str, text: Any, expected: str | Sequence[str]) -> float | str:
     from pydantic_core import PydanticCustomError
 
     if not isinstance(expected, str):

@@ -7,7 +7,7 @@ import json
 import platform
 import resource
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 import valvefsi
+from valvefsi.verification.convergence import observed_order
 
 PACKAGES = ("fenics-dolfinx", "fenics-ufl", "numpy", "scipy", "numba", "mpi4py", "gmsh")
 
@@ -77,7 +78,7 @@ def write_result(out: Path, result: Mapping[str, Any], comm: MPI.Comm) -> Path:
     return path
 
 
-def plain(value: object) -> object:
+def plain(value: Any) -> Any:
     """Return what JSON can hold: arrays as lists, what is neither as its text."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
@@ -120,3 +121,17 @@ def compared(label: str, value: float, reference: Reference, unit: str = "") -> 
     inside = "inside" if low <= value <= high else "OUTSIDE"
     line = row(label, value, f"{low:g} ... {high:g}", f"{inside}: {reference.source}", unit=unit)
     return {**line, "inside": low <= value <= high}
+
+
+def order_row(
+    label: str,
+    values: Sequence[float],
+    ratios: Sequence[float] | float = 2.0,
+    *,
+    exact: float | None = None,
+    expected: float | None = None,
+    source: str = "",
+) -> list[Row]:
+    """Return the line of an observed order, see `observed_order`; none where the values give no order."""
+    order = observed_order(values, ratios, exact=exact)
+    return [] if order is None else [row(label, order, expected, source)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,15 +14,19 @@ import scipy.fft
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Job
+from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.errors import CaseError, StabilityError
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
+from valvefsi.fsi import Model, State
 from valvefsi.grid import MacGrid
 from valvefsi.io.checkpoint import newest_meta
 from valvefsi.io.history import read_history
+from valvefsi.run.recording import Output
+from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Outcome, Simulation
 from valvefsi.solid.structure import Structure
-from valvefsi.types import Array
+from valvefsi.types import Array, Indices, Mask
 
 AVERAGED = 0.2
 """Part of a run at its end that is averaged over."""
@@ -34,6 +39,59 @@ def flow_of(grid: MacGrid, boundary: Boundary, dt: float, **physics: Any) -> Nav
     """Return the fluid, its viscosity explicit where half of what that allows is longer than the step (collective)."""
     limit = ExplicitViscosity.limit(grid, rho=physics["rho"], mu=physics["mu"])
     return (ExplicitViscosity if 2.0 * dt < limit else NavierStokes)(grid, boundary, **physics)
+
+
+def springs(kernel: str, h: float, dt: float, hold: float) -> dict[str, Any]:
+    """Return stiffness and damping that hold points of a surface [dyn/cm^3, dyn s/cm^3].
+
+    Args:
+        kernel: Name of the regularised delta function.
+        h: Grid spacing [cm].
+        dt: Length of a step [s].
+        hold: Part of the limits of an explicit spring and damper on the fluid that the kernel moves, of density 1.
+    """
+    share = hold * h / largest_square_sum(kernel)
+    return {"stiffness": share / dt**2, "damping": share / dt}
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Adds columns to a history: their names, and what gives their values from a state (collective)."""
+
+    columns: tuple[str, ...]
+    values: Callable[[State], Sequence[float]]
+
+    def row(self, state: State) -> dict[str, float]:
+        """Return a value for each column (collective)."""
+        return dict(zip(self.columns, map(float, self.values(state)), strict=True))
+
+
+def fixed_steps(
+    model: Model,
+    folder: Path,
+    dt: float,
+    steps: int,
+    *,
+    rows: int,
+    cfl_max: float = math.inf,
+    initial: State | None = None,
+    **output: Any,
+) -> Simulation:
+    """Return a simulation of steps of one length.
+
+    Args:
+        model: The model.
+        folder: Folder of the run.
+        dt: Length of a step [s].
+        steps: Number of steps.
+        rows: Rows of the history that are wanted, at most twice as many are written.
+        cfl_max: Largest Courant number that is accepted.
+        initial: State at t = 0; the fluid at rest by default.
+        output: What else is written, see `Output`; by default a checkpoint every ten minutes.
+    """
+    kept = {"history_every": max(1, steps // rows), "checkpoint_wall_s": 600.0} | output
+    schedule = Schedule(dt=dt, t_end=steps * dt, cfl_max=cfl_max)
+    return Simulation(model, schedule, Output(directory=folder, **kept), initial)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,24 +174,35 @@ def late_size(history: History, column: str) -> float:
 
 def late_mean(history: History, column: str) -> float:
     """Return the mean of a column over the last part of a run."""
+    return float(history[column][late(history)].mean())
+
+
+def late(history: History) -> Mask:
+    """Return which rows of a history lie in the last part of the run, ``(n,)``."""
     t = history["t_s"]
-    return float(history[column][t >= (1.0 - AVERAGED) * t[-1]].mean())
+    return t >= (1.0 - AVERAGED) * t[-1]
 
 
 def gathered(solid: Structure, comm: MPI.Comm, chi: Array) -> Array:
     """Return the positions of all nodes of a solid by number, on all ranks, ``(num_nodes, 3)`` [cm] (collective)."""
     whole = np.zeros((solid.num_nodes, 3))
     whole[solid.ids] = chi
-    found: Array = comm.allreduce(whole)
-    return found
+    comm.Allreduce(MPI.IN_PLACE, whole)
+    return whole
+
+
+def whole_of(grid: MacGrid, own: Array, shape: Sequence[int]) -> Array:
+    """Return values on all ranks from this rank's, which begin where its cells do, ``shape`` (collective)."""
+    whole = np.zeros(shape)
+    whole[tuple(slice(s, s + n) for s, n in zip(grid.start, own.shape, strict=False))] = own
+    values: Array = grid.comm.allreduce(whole)
+    return values
 
 
 def plane_of(grid: MacGrid, own: Array) -> tuple[Array, list[Array]]:
     """Return values in the cells of a plane ``(nx, ny)`` on all ranks from this rank's, and the edges (collective)."""
-    whole = np.zeros(grid.cells[:2])
-    whole[tuple(slice(s, s + n) for s, n in zip(grid.start[:2], own.shape, strict=True))] = own
     edges = [grid.lower[d] + np.concatenate([[0.0], np.cumsum(grid.cell_widths[d])]) for d in range(2)]
-    return grid.comm.allreduce(whole), edges
+    return whole_of(grid, own, grid.cells[:2]), edges
 
 
 def time_of_pair(cells: Sequence[int]) -> float:
@@ -147,15 +216,47 @@ def time_of_pair(cells: Sequence[int]) -> float:
     return time.perf_counter() - started
 
 
+def outline_of(along: Array, across: Array, half: float, end: float) -> Indices:
+    """Return numbers of the points on the outline of a strip: up one side, over its end, down the other, ``(m,)``.
+
+    Args:
+        along: Positions along the strip, ``(n,)`` [cm].
+        across: Distances from its middle line, ``(n,)`` [cm].
+        half: Half of its thickness [cm].
+        end: Where it ends [cm].
+    """
+    first, second = (np.abs(across - sign * half) < 1e-6 for sign in (-1.0, 1.0))
+    tip: Mask = (along > end - 1e-6) & ~first & ~second
+    parts = ((first, along), (tip, across), (second, -along))
+    return np.concatenate([np.flatnonzero(on)[np.argsort(order[on])] for on, order in parts])
+
+
+def off_one(history: History, body: str) -> float:
+    """Return the largest |J - 1| of a solid over a run."""
+    return float(np.maximum(1.0 - history[f"{body}_J_min"], history[f"{body}_J_max"] - 1.0).max())
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A field in the cells ``(nx, ny)`` between edges [cm] at a time [s], and outlines of bodies ``(n, 2)`` [cm]."""
+
+    t: float
+    edges: list[Array]
+    field: Array
+    outlines: list[Array]
+
+
 @dataclass
 class Sights:
-    """Steps at or after which something is kept for a picture, and what was kept."""
+    """Steps at or after which the flow is kept for a picture, and what was kept."""
 
     due: list[int]
-    kept: list[Any] = field(default_factory=list)
+    kept: list[Snapshot] = field(default_factory=list)
 
-    def take(self, step: int, look: Callable[[], Any]) -> None:
-        """Keep a look where one is due (collective)."""
-        if self.due and step >= self.due[0]:
-            self.due = [later for later in self.due if later > step]
-            self.kept.append(look())
+    def take(self, state: State, grid: MacGrid, look: Callable[[], tuple[Array, list[Array]]]) -> None:
+        """Keep a field in this rank's cells and outlines, ``look()``, where a picture is due (collective)."""
+        if self.due and state.step >= self.due[0]:
+            self.due = [later for later in self.due if later > state.step]
+            own, outlines = look()
+            whole, edges = plane_of(grid, own)
+            self.kept.append(Snapshot(state.t, edges, whole, outlines))

@@ -75,13 +75,13 @@ def collect(folders: Sequence[Path], *, everything: bool = False) -> list[Line]:
     for folder in map(Path, folders):
         if not folder.is_dir():
             raise CaseError("this folder does not exist", file=folder)
-        found = {path.resolve(): _lines(path) for path in sorted(folder.rglob("result.json"))}
-        if not any(found.values()):
+        here = {path.resolve(): _lines(path) for path in sorted(folder.rglob("result.json"))}
+        if not any(here.values()):
             raise CaseError(
                 "there is no result of a benchmark in this folder (result.json with a table)", file=folder
             )
-        files |= found
-    lines = [line for found in files.values() for line in found if everything or line.reference is not None]
+        files |= here
+    lines = [line for part in files.values() for line in part if everything or line.reference is not None]
     return sorted(lines, key=lambda line: (line.benchmark, line.date, str(line.file)))
 
 
@@ -129,9 +129,9 @@ def _grid(result: Mapping[str, Any]) -> str:
     """Cells along the box of each run, or what else the benchmark counts its mesh in."""
     parameters = result.get("parameters", {})
     runs = [run for run in result.get("runs", ()) if isinstance(run, dict)]
-    for given in (parameters.get("grids"), [run.get("numerics", {}).get("grid") for run in runs]):
-        if given and all(given):
-            return ", ".join(map(str, dict.fromkeys(given)))
+    for grids in (parameters.get("grids"), [run.get("numerics", {}).get("grid") for run in runs]):
+        if grids and all(grids):
+            return ", ".join(map(str, dict.fromkeys(grids)))
     for holder in (parameters, *runs[:1]):
         shape = holder.get("grid") or holder.get("cells") or holder.get("elements")
         if shape:

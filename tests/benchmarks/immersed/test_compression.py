@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from mpi4py import MPI
 
-from valvefsi.benchmarks.immersed.compression import Block, BlockSeries, Compression, compression_case
+from valvefsi.benchmarks.immersed.compression import BlockSeries, Compression
 from valvefsi.benchmarks.immersed.numerics import Numerics
 from valvefsi.benchmarks.statics.compression import converged
 from valvefsi.case.writing import to_toml
@@ -73,7 +73,7 @@ def test_finer_grids_come_closer(elements, bound, coarse, folder):
 
 def test_short_names_reach_the_case_with_units():
     overrides = ["traction=30 Pa", "c1=100", "mu=1 cP", "t_end=2", "tether_stiffness=2e4", "time.cfl_max=0.2"]
-    case = compression_case(Block(**COARSE, kernel="ib4", nu_stab=None, overrides=overrides))
+    case = Compression(**COARSE, kernel="ib4", nu_stab=None, overrides=overrides).case()
     solid = case.solid[0]
     assert solid.load[0].traction == (0.0, -300.0)
     assert solid.load[0].ramp == pytest.approx(0.4 * 2)
@@ -114,8 +114,8 @@ def test_a_wrong_parameter_is_one_clear_error(override, message):
 )
 def test_a_run_of_the_series_has_the_case_of_the_single_run(overrides):
     numerics = Numerics(grid=32, ratio=0.5, kernel="ib4", nu_stab=None)
-    single = Block(elements=32, grid=32, kernel="ib4", nu_stab=None, overrides=overrides)
-    assert to_toml(BlockSeries(overrides=overrides).case_of(numerics)) == to_toml(compression_case(single))
+    single = Compression(elements=32, grid=32, kernel="ib4", nu_stab=None, overrides=overrides)
+    assert to_toml(BlockSeries(overrides=overrides).case_of(numerics)) == to_toml(single.case())
 
 
 def test_the_series_comes_closer_with_the_grid_and_keeps_more_of_its_area(shared_tmp, comm):

@@ -96,7 +96,7 @@ def test_only_a_run_that_its_step_breaks_is_tried_with_half_of_it(shared_tmp, co
             tried.append((values["dt_per_h"], job.folder.name))
             return {"failed": next(left)}
 
-        problem = replace(COOK, run=fake)
+        problem = SimpleNamespace(run=fake)
         job = Job(folder=shared_tmp / "a", comm=comm)
         record = run_halving(problem, Numerics(grid=20), numbers(dt_per_h=0.8), job)
         return tried, record

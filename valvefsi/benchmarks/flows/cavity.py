@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -12,12 +12,12 @@ from scipy.interpolate import CubicSpline
 
 from valvefsi import fsi
 from valvefsi.benchmarks import references
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
+from valvefsi.benchmarks.frame import Job, Report, Single
 from valvefsi.benchmarks.options import Values, option
 from valvefsi.benchmarks.results import row
+from valvefsi.benchmarks.running import flow_of, whole_of
 from valvefsi.errors import ConvergenceError
 from valvefsi.fluid.boundary import Boundary, Wall
-from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grid import Array, Faces, MacGrid
 from valvefsi.post import diagnostics
 
@@ -28,12 +28,12 @@ REYNOLDS = (100, 1000, 5000)
 
 def published(reynolds: int, component: str) -> tuple[Array, Array]:
     """Return positions and velocity: u on the vertical centre line, v on the horizontal one, ``(n,)`` each."""
-    table, where = references.read("ghia1982_cavity"), {"reynolds": reynolds, "component": component}
+    table, where = references.read("ghia1982_cavity"), {"reynolds": str(reynolds), "component": component}
     return table.column("position", **where), table.column("velocity", **where)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cavity(Benchmark[int, None]):
+class Cavity(Single):
     """The cavity, run until the flow is steady: ``steady`` is the largest change per time that counts as none."""
 
     name = "cavity"
@@ -42,46 +42,32 @@ class Cavity(Benchmark[int, None]):
     reynolds: int = option(100, "100, 1000 or 5000.", choices=REYNOLDS)
     cells: int = option(64, "Cells along an edge.", flag="--grid", least=8)
 
-    def runs(self) -> list[int]:
-        return [self.cells]
-
-    def one(self, run: int, job: Job) -> Record:
-        grid, u, t, steps = march(self.reynolds, run, self.values, job)
-        curves, gaps, lows = profiles(grid, u), {}, {}
-        for name, (at, values) in curves.items():
-            place, known = published(self.reynolds, name)
-            spline, lowest = CubicSpline(at, values), int(np.argmin(known))
-            gaps[name] = float(np.abs(spline(place) - known).max())
-            lows[name] = {
-                "at": place[lowest],
-                "computed": float(spline(place[lowest])),
-                "known": known[lowest],
-            }
-        return {"cells": run, "gaps": gaps, "lows": lows, "t": t, "steps": steps, "_curves": curves}
-
-    def report(self, records: Sequence[Record], known: None) -> Report:
-        (r,), table = records, []
+    def measured(self, job: Job) -> Report:
+        grid, u, t, steps = march(self.reynolds, self.cells, self.values, job)
+        curves, table, quantities = profiles(grid, u), [], {}
         for name, line in (("u", "vertical"), ("v", "horizontal")):
-            low = r["lows"][name]
-            table.append(
-                row(f"{name} on the {line} centre line, largest difference", r["gaps"][name], None, SOURCE)
-            )
-            table.append(row(f"{name} at {low['at']:.4f}", low["computed"], float(low["known"]), SOURCE))
-        speed = self.cells**2 * r["steps"] / r["wall_s"]
+            place, values = published(self.reynolds, name)
+            spline, low = CubicSpline(*curves[name]), int(np.argmin(values))
+            quantities[f"{name}_gap"] = gap = float(np.abs(spline(place) - values).max())
+            table += [
+                row(f"{name} on the {line} centre line, largest difference", gap, None, SOURCE),
+                row(f"{name} at {place[low]:.4f}", float(spline(place[low])), float(values[low]), SOURCE),
+            ]
         return Report(
             parameters=self.values | {"reynolds": self.reynolds, "cells": self.cells},
-            quantities={f"{name}_gap": gap for name, gap in r["gaps"].items()} | {"t_steady": r["t"]},
+            quantities=quantities | {"t_steady": t},
             reference={"source": SOURCE, "note": NOTE},
             table=table,
-            timing={"steps": r["steps"], "cell_steps_per_s": speed},
+            timing={"steps": steps, "cell_steps": self.cells**2 * steps},
+            draw=lambda out: self._draw(out, curves),
         )
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+    def _draw(self, out: Path, curves: dict[str, Any]) -> None:
         from valvefsi.post.plots.decay import centre_lines
 
         name = f"Cavity at Re {self.reynolds}, {self.cells} x {self.cells} cells"
         points = {c: tuple(zip(*published(self.reynolds, c), strict=True)) for c in "uv"}
-        centre_lines(out / "profiles.png", records[0]["_curves"], points, title=name)
+        centre_lines(out / "profiles.png", curves, points, title=name)
 
 
 def march(reynolds: int, cells: int, parameters: Values, job: Job) -> tuple[MacGrid, Faces, float, int]:
@@ -89,10 +75,8 @@ def march(reynolds: int, cells: int, parameters: Values, job: Job) -> tuple[MacG
     grid = MacGrid([0.0, 0.0], [1.0, 1.0], [cells] * 2, [False] * 2, job.comm)
     mu, t_max = 1.0 / reynolds, parameters["t_max"]
     dt = parameters["cfl"] / cells
-    explicit = 2.0 * dt < ExplicitViscosity.limit(grid, rho=1.0, mu=mu)
-    kind = ExplicitViscosity if explicit else NavierStokes
-    fluid = kind(grid, Boundary(grid, {"y_upper": Wall(velocity=(1.0, 0.0))}), rho=1.0, mu=mu)
-    model = fsi.Model(grid=grid, fluid=fluid)
+    lid = Boundary(grid, {"y_upper": Wall(velocity=(1.0, 0.0))})
+    model = fsi.Model(grid=grid, fluid=flow_of(grid, lid, dt, rho=1.0, mu=mu))
     state, k, change = fsi.initial_state(model, dt), 0, np.inf
     while change > parameters["steady"]:
         if k * dt > t_max:
@@ -113,14 +97,11 @@ def march(reynolds: int, cells: int, parameters: Values, job: Job) -> tuple[MacG
 
 def profiles(grid: MacGrid, u: Faces) -> dict[str, tuple[Array, Array]]:
     """Positions and velocity on both centre lines, walls included, on all ranks (collective)."""
-    found = {}
+    curves = {}
     for d, name in enumerate("uv"):
-        whole = np.zeros(grid.face_shape(d))
-        block = u[d][grid.owned_faces(d)]
-        whole[tuple(slice(s, s + n) for s, n in zip(grid.start, block.shape, strict=True))] = block
-        whole = grid.comm.allreduce(whole)[:, :, 0]
+        whole = whole_of(grid, u[d][grid.owned_faces(d)], grid.face_shape(d))[:, :, 0]
         middle = grid.cells[d] // 2
         values = whole[middle] if d == 0 else whole[:, middle]
         at = np.concatenate([[0.0], grid.centres(1 - d), [1.0]])
-        found[name] = (at, np.concatenate([[0.0], values, [1.0 if d == 0 else 0.0]]))
-    return found
+        curves[name] = (at, np.concatenate([[0.0], values, [1.0 if d == 0 else 0.0]]))
+    return curves

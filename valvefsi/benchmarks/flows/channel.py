@@ -19,11 +19,10 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
 from valvefsi.benchmarks.options import Values, option
-from valvefsi.benchmarks.results import row
+from valvefsi.benchmarks.results import order_row, row
 from valvefsi.fluid.boundary import Boundary, Open
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import Array, MacGrid
-from valvefsi.verification.convergence import observed_order
 
 KINDS = ("poiseuille", "womersley")
 
@@ -55,18 +54,18 @@ class Channel(Benchmark[int, None]):
         return refined(self.cells, self.refine)
 
     def one(self, run: int, job: Job) -> Record:
-        found = {kind: measure(kind, run, self.values, job.comm) for kind in KINDS}
-        return {"cells": run, "errors": {kind: found[kind].pop("error") for kind in KINDS}, "_curves": found}
+        flows = {kind: measure(kind, run, self.values, job.comm) for kind in KINDS}
+        return {"cells": run, "errors": {kind: flows[kind].pop("error") for kind in KINDS}, "_curves": flows}
 
-    def report(self, records: Sequence[Record], known: None) -> Report:
+    def report(self, records: Sequence[Record], reference: None) -> Report:
         errors = {kind: [record["errors"][kind] for record in records] for kind in KINDS}
         table = []
         for kind, kept in errors.items():
             name = f"{kind}, {{}} across: largest error / largest speed"
             table += [row(name.format(r["cells"]), e) for r, e in zip(records, kept, strict=True)]
-            order = observed_order(kept, exact=0.0)
-            if order is not None:
-                table.append(row(f"{kind}: observed order", order, 2.0, "order of the scheme"))
+            table += order_row(
+                f"{kind}: observed order", kept, exact=0.0, expected=2.0, source="order of the scheme"
+            )
         return Report(
             parameters=self.values | {"cells": self.runs()},
             quantities=errors,
@@ -74,10 +73,10 @@ class Channel(Benchmark[int, None]):
             table=table,
         )
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
         from valvefsi.post.plots.decay import profiles
 
-        curves = {kind: list(found.values()) for kind, found in records[-1]["_curves"].items()}
+        curves = {kind: list(flow.values()) for kind, flow in records[-1]["_curves"].items()}
         title = f"Flow in a channel, {records[-1]['cells']} cells across"
         profiles(out / "profiles.png", curves, title=title)
 
@@ -105,7 +104,7 @@ def measure(kind: str, n: int, parameters: Values, comm: MPI.Comm) -> dict[str, 
     p = grid.zeros() + pressure(x, y, y, -0.5 * dt) * (1.0 - x / length)
     model = fsi.Model(grid=grid, fluid=fluid)
     state = fsi.initial_state(model, dt, (exact(y, 0.0) + grid.zeros(), grid.zeros()), p)
-    error, speed, shown = 0.0, 0.0, []
+    error, speed, profiles = 0.0, 0.0, []
     own = grid.owned_faces(0)
     for k in range(steps):
         state, t = fsi.step(model, state, dt), (k + 1) * dt
@@ -113,12 +112,12 @@ def measure(kind: str, n: int, parameters: Values, comm: MPI.Comm) -> dict[str, 
             here = exact(y, t) + grid.zeros()
             error = max(error, float(np.abs(state.u[0] - here)[own].max()))
             speed = max(speed, float(np.abs(here[own]).max()))
-            shown.append((t, _profile(grid, state.u[0])))
+            profiles.append((t, _profile(grid, state.u[0])))
     return {
         "error": comm.allreduce(error, op=MPI.MAX) / comm.allreduce(speed, op=MPI.MAX),
         "y": grid.centres(1),
-        "profiles": shown,
-        "exact": [exact(np.linspace(0, 1, 201), t) for t, _ in shown],
+        "profiles": profiles,
+        "exact": [exact(np.linspace(0, 1, 201), t) for t, _ in profiles],
     }
 
 

@@ -14,38 +14,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.benchmarks.flows.shedding import (
-    LABELS,
-    Forces,
-    draw_forces,
-    fitted,
-    numbers,
-    published,
-    table_of,
-)
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
-from valvefsi.benchmarks.options import Parameters, Values, option, read_quantities
+from valvefsi.benchmarks import references
+from valvefsi.benchmarks.flows.shedding import LABELS, Forces, Shedding, numbers
+from valvefsi.benchmarks.frame import Job, Record, Report
+from valvefsi.benchmarks.options import Parameters, Values, option, read_quantities, require
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.running import completed, flow_of
+from valvefsi.benchmarks.running import completed, fixed_steps, flow_of, springs
 from valvefsi.bodies.rigid import RigidSurface
-from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.coupling.wall_offset import wall_offset
-from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Open, Wall
 from valvefsi.grid import MacGrid
 from valvefsi.grid.grading import graded_edges
 from valvefsi.run.forces import ForceOutput
-from valvefsi.run.recording import Output
-from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Simulation
 from valvefsi.types import Faces
 
@@ -67,7 +56,7 @@ ROWS = 5000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cylinder(Benchmark[int, None]):
+class Cylinder(Shedding[int]):
     """The cylinder, run until it sheds vortices regularly."""
 
     name = "cylinder"
@@ -80,63 +69,51 @@ class Cylinder(Benchmark[int, None]):
         return read_quantities(PARAMETERS, self.overrides)
 
     def check(self, values: Values) -> None:
-        for key, value in values.items():
-            if key == "draw_in" and not 0.0 <= value <= 2.0:
-                raise CaseError("expected 0 to 2", file="--set", key=key, value=value)
-            if key not in ("draw_in", "kernel") and not value > 0.0:
-                raise CaseError("expected a positive value", file="--set", key=key, value=value)
+        require(0.0 <= values["draw_in"] <= 2.0, "expected 0 to 2", values, "draw_in")
+        for key in ("reynolds", "t_end", "cfl", "width"):
+            require(values[key] > 0.0, "expected a positive value", values, key)
+
+    def mesh_of(self, record: Record) -> str:
+        return f"{self.cells} cells across"
 
     def runs(self) -> list[int]:
         return [self.cells]
 
     def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> Simulation:
         model, dt = build(cells, self.values, comm)
-        steps = max(1, round(self.values["t_end"] / dt))
-        output = Output(
-            directory=folder,
-            history_every=max(1, steps // ROWS),
-            checkpoint_wall_s=600.0,
+        return fixed_steps(
+            model,
+            folder,
+            dt,
+            max(1, round(self.values["t_end"] / dt)),
+            rows=ROWS,
+            initial=fsi.initial_state(model, dt, stream(model.grid)),
             forces=(ForceOutput(name="cylinder", bodies=(0,)),),
             provenance=self.values | {"cells": cells},
         )
-        schedule = Schedule(dt=dt, t_end=steps * dt, cfl_max=math.inf)
-        initial = fsi.initial_state(model, dt, stream(model.grid))
-        return Simulation(model, schedule, output, initial)
 
     def one(self, run: int, job: Job) -> Record:
         simulation = self.simulation(run, job.folder, job.comm)
-        h = completed(simulation, job)
+        h, grid = completed(simulation, job), simulation.model.grid
         t, drag, lift = (h[name] for name in ("t_s", *(f"force_{axis}_cylinder_dyn_per_cm" for axis in "xy")))
         forces = Forces(0.5 * (t[:-1] + t[1:]), 2.0 * drag[1:], 2.0 * lift[1:])
-        grid = simulation.model.grid
         return {
-            "grid": {"grid": list(grid.cells[:2]), "dt": simulation.schedule.dt},
+            "grid": {"cells": run, "grid": list(grid.cells[:2]), "dt": simulation.schedule.dt},
             "steps": int(h["step"][-1]),
             "cells": math.prod(grid.cells),
             "quantities": numbers(forces),
             "_forces": forces,
         }
 
-    def report(self, records: Sequence[Record], known: None) -> Report:
-        (r,), reynolds = records, self.values["reynolds"]
-        table = table_of(r["quantities"], reynolds)
+    def report(self, records: Sequence[Record], reference: None) -> Report:
+        (r,), report = records, super().report(records, reference)
+        table, speed = list(report.table), r["cells"] * r["steps"] / r["wall_s"]
         if self.published("width"):
-            table += [
-                row(LABELS[key], r["quantities"][key], value, "mesh that fits it, this box")
-                for key, value in fitted(reynolds).items()
-            ]
-        return Report(
-            parameters=self.values | {"cells": self.cells} | r["grid"],
-            quantities=r["quantities"],
-            reference={key: list(band) for key, (band, _) in published(reynolds).items()},
-            table=table,
-            timing={"steps": r["steps"], "cell_steps_per_s": r["cells"] * r["steps"] / r["wall_s"]},
-        )
-
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        reynolds = self.values["reynolds"]
-        title = f"Cylinder at Re {reynolds:g}, {self.cells} cells across"
-        draw_forces(out, records[0]["_forces"], reynolds, title)
+            for line in references.read("cylinder_fitted").rows:
+                if float(line["reynolds"]) == self.values["reynolds"]:
+                    key, source = line["quantity"], "mesh that fits it, this box"
+                    table.append(row(LABELS[key], r["quantities"][key], float(line["value"]), source))
+        return replace(report, table=table, timing=dict(report.timing) | {"cell_steps_per_s": speed})
 
 
 def build(cells: int, parameters: Values, comm: MPI.Comm) -> tuple[fsi.Model, float]:
@@ -157,8 +134,6 @@ def build(cells: int, parameters: Values, comm: MPI.Comm) -> tuple[fsi.Model, fl
     mu = 1.0 / parameters["reynolds"]
     dt = parameters["cfl"] * h / 1.6  # the stream is up to 1.6 times as fast beside the cylinder
     fluid = flow_of(grid, Boundary(grid, sides), dt, rho=1.0, mu=mu, advection="xsppm7")
-    # Half of the limits of an explicit spring and damper on the fluid that the kernel moves, see the plan.
-    share = float(grid.spacing[0]) / largest_square_sum(parameters["kernel"])
     n = math.ceil(math.pi / (0.5 * h))
     angle = 2.0 * np.pi * np.arange(n) / n
     radius = 0.5 - parameters["draw_in"] * wall_offset(parameters["kernel"]) * h
@@ -167,9 +142,8 @@ def build(cells: int, parameters: Values, comm: MPI.Comm) -> tuple[fsi.Model, fl
         np.full(n, 2.0 * math.pi * radius / n),
         Coupling(grid, parameters["kernel"]),
         name="cylinder",
-        stiffness=0.5 * share / dt**2,
-        damping=0.5 * share / dt,
         slip=PACE / dt,
+        **springs(parameters["kernel"], float(grid.spacing[0]), dt, hold=0.5),
     )
     return fsi.Model(grid=grid, fluid=fluid, bodies=(ring,)), dt
 

@@ -7,18 +7,16 @@ cylinder; diameter, speed and density are 1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from valvefsi.benchmarks.flows.fitted import FittedFlow, Velocity
-from valvefsi.benchmarks.flows.shedding import Forces, draw_forces, numbers, published, table_of
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
-from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.flows.shedding import Forces, Shedding, numbers
+from valvefsi.benchmarks.frame import Job, Record
+from valvefsi.benchmarks.options import Values, option, require
 from valvefsi.errors import CaseError
 from valvefsi.geometry.flow_shapes import box_around_cylinder
 from valvefsi.types import Indices
@@ -33,7 +31,7 @@ PARAMETERS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class CylinderFitted(Benchmark[float, None]):
+class CylinderFitted(Shedding[float]):
     """The flow on the mesh that fits, run until it sheds vortices regularly."""
 
     name = "cylinder-fitted"
@@ -45,8 +43,10 @@ class CylinderFitted(Benchmark[float, None]):
         if not 0.0 < self.size <= 0.2:
             message = "expected a size above 0 and up to 0.2 diameters"
             raise CaseError(message, key="--size", value=self.size)
-        if not values["width"] >= 4.0:
-            raise CaseError("expected at least 4 diameters", file="--set", key="width", value=values["width"])
+        require(values["width"] >= 4.0, "expected at least 4 diameters", values, "width")
+
+    def mesh_of(self, record: Record) -> str:
+        return f"{record['grid']['cells']} triangles that fit it"
 
     def runs(self) -> list[float]:
         return [self.size]
@@ -55,23 +55,13 @@ class CylinderFitted(Benchmark[float, None]):
         flow, cells = flow_around(run, self.values, job.comm)
         forces = march(flow, self.values["t_end"], job)
         flow.destroy()
-        mesh = {"size": run, "cells": cells, "unknowns": flow.space.dofmap.index_map.size_global}
-        return {"mesh": mesh | {"dt": flow.dt}, "quantities": numbers(forces), "_forces": forces}
-
-    def report(self, records: Sequence[Record], known: None) -> Report:
-        (r,), reynolds = records, self.values["reynolds"]
-        return Report(
-            parameters=self.values | r["mesh"],
-            quantities=r["quantities"],
-            reference={key: list(band) for key, (band, _) in published(reynolds).items()},
-            table=table_of(r["quantities"], reynolds),
-            timing={"steps": len(r["_forces"].t)},
-        )
-
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        (r,), reynolds = records, self.values["reynolds"]
-        title = f"Cylinder at Re {reynolds:g}, {r['mesh']['cells']} triangles that fit it"
-        draw_forces(out, r["_forces"], reynolds, title)
+        mesh = {
+            "size": run,
+            "cells": cells,
+            "unknowns": flow.space.dofmap.index_map.size_global,
+            "dt": flow.dt,
+        }
+        return {"grid": mesh, "steps": len(forces.t), "quantities": numbers(forces), "_forces": forces}
 
 
 def flow_around(size: float, values: Values, comm: MPI.Comm) -> tuple[FittedFlow, int]:

@@ -71,11 +71,11 @@ class FittedFlow:
         self.space = fem.functionspace(mesh, basix.ufl.mixed_element([vector, scalar]))
         self.velocity, self.before = fem.Function(self.space), fem.Function(self.space)
         self._set_up_forms(rho, mu)
-        self.nodes, self.given, self.fixed = self._given(sides)
+        self.nodes, self.values, self.fixed = self._prescribed(sides)
         # PETSc keeps what is dropped on several ranks: a step makes no vectors.
-        self.lifted, self.known, self.x, self.residual = (self.given.duplicate() for _ in range(4))
+        self.lifted, self.old, self.x, self.residual = (self.values.duplicate() for _ in range(4))
         self.right = compat.create_vector(self.space)
-        self.matrix.mult(self.given, self.lifted)
+        self.matrix.mult(self.values, self.lifted)
         self.solver = self._factorise()
 
     def _set_up_forms(self, rho: float, mu: float) -> None:
@@ -88,14 +88,14 @@ class FittedFlow:
         bilinear += 2.0 * viscosity * ufl.inner(ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))) * dx
         bilinear -= (p * ufl.div(v) + q * ufl.div(u)) * dx
         advection = 2.0 * ufl.dot(ufl.grad(u1), u1) - ufl.dot(ufl.grad(u2), u2)
-        known = density * (rate * (4.0 * u1 - u2) - advection)
-        self.form = compat.compile_form(ufl.inner(known, v) * dx)
+        old = density * (rate * (4.0 * u1 - u2) - advection)
+        self.form = compat.compile_form(ufl.inner(old, v) * dx)
         self.matrix = petsc.assemble_matrix(compat.compile_form(bilinear))
         self.matrix.assemble()
 
     def _components(self, facets: Indices) -> list[tuple[Indices, Array]]:
         """This rank's unknowns on facets, whoever has these, and their points ``(3, n)``, of both components."""
-        found = []
+        parts = []
         for d in range(2):
             space, to_parent = self.space.sub(0).sub(d).collapse()
             _, here = fem.locate_dofs_topological((self.space.sub(0).sub(d), space), 1, facets)
@@ -103,31 +103,31 @@ class FittedFlow:
             marks.x.array[here] = 1.0
             marks.x.scatter_reverse(InsertMode.add)
             own = np.flatnonzero(marks.x.array[: space.dofmap.index_map.size_local])
-            found.append((np.ravel(to_parent)[own], space.tabulate_dof_coordinates()[own].T))
-        return found
+            parts.append((np.ravel(to_parent)[own], space.tabulate_dof_coordinates()[own].T))
+        return parts
 
     @property
     def _owned(self) -> int:
         return self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
 
-    def _given(
+    def _prescribed(
         self, sides: Mapping[str, tuple[Indices, Velocity]]
     ) -> tuple[dict[str, list[Indices]], PETSc.Vec, Indices]:
         """Return the unknowns of each side by component, what is given as a vector, and those it is given for."""
         self.space.mesh.topology.create_connectivity(1, 2)
-        given, fixed = compat.create_vector(self.space), []
+        values, fixed = compat.create_vector(self.space), []
         nodes: dict[str, list[Indices]] = {}
         for name, (facets, velocity) in sides.items():
             nodes[name] = []
             for (unknowns, x), value in zip(self._components(facets), velocity, strict=True):
                 nodes[name].append(unknowns)
                 if value is not None:
-                    given.array[unknowns] = value(x) if callable(value) else value
+                    values.array[unknowns] = value(x) if callable(value) else value
                     fixed.append(unknowns)
         pressures = np.ravel(self.space.sub(1).collapse()[1])
         if self._closed([facets for facets, _ in sides.values()]) and self.comm.rank == 0:
             fixed.append(pressures[:1])
-        return nodes, given, np.unique(np.concatenate([np.zeros(0, np.int32), *fixed]))
+        return nodes, values, np.unique(np.concatenate([np.zeros(0, np.int32), *fixed]))
 
     def _closed(self, facets: list[Indices]) -> bool:
         """Whether something is given on every side (collective)."""
@@ -168,17 +168,17 @@ class FittedFlow:
         Note:
             Collective.
         """
-        right, known, x, residual = self.right, self.known, self.x, self.residual
+        right, old, x, residual = self.right, self.old, self.x, self.residual
         with right.localForm() as local:
             local.set(0.0)
         petsc.assemble_vector(right, self.form)
         right.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
-        right.copy(known)
+        right.copy(old)
         right.axpy(-1.0, self.lifted)
-        right.array[self.fixed] = self.given.array[self.fixed]
+        right.array[self.fixed] = self.values.array[self.fixed]
         self.solver.solve(right, x)
         self.matrix.mult(x, residual)
-        residual.axpy(-1.0, known)
+        residual.axpy(-1.0, old)
         self.before.x.array[:] = self.velocity.x.array
         self.velocity.x.array[: self._owned] = x.array
         self.velocity.x.scatter_forward()
@@ -192,6 +192,6 @@ class FittedFlow:
     def destroy(self) -> None:
         """Give PETSc's objects back, which nothing else does on several ranks (collective)."""
         factorised, _ = self.solver.getOperators()
-        vectors = (self.given, self.lifted, self.known, self.x, self.residual, self.right)
+        vectors = (self.values, self.lifted, self.old, self.x, self.residual, self.right)
         for thing in (self.solver, factorised, self.matrix, *vectors):
             thing.destroy()

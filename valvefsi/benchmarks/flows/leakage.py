@@ -7,7 +7,6 @@ flows after that leaks between the points and through the kernel.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,12 +14,11 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
-from valvefsi.benchmarks.options import Parameters, Values
+from valvefsi.benchmarks.frame import Job, Report, Single
+from valvefsi.benchmarks.options import Parameters, Values, require
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.running import completed
+from valvefsi.benchmarks.running import Columns, completed, fixed_steps, springs
 from valvefsi.bodies.patches import PatchedSurface
-from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.offsets import surface_offset
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
@@ -29,9 +27,8 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.geometry.aortic_section import AorticSection, closing_plate, joined
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
-from valvefsi.run.recording import Output
-from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Simulation
+from valvefsi.types import Array
 from valvefsi.units import MMHG
 
 PARAMETERS: Parameters = {
@@ -52,20 +49,8 @@ ASKED = 0.1
 """What a section that is called tight may leak at 100 mmHg and h = 1 mm [cm^3/s]."""
 
 
-@dataclass(frozen=True)
-class Outflow:
-    """Sees what flows out of the box where the section begins."""
-
-    model: fsi.Model
-    columns = ("leak_ml_s",)
-
-    def row(self, state: fsi.State) -> dict[str, float]:
-        """Return the flow [cm^3/s] (collective)."""
-        return {"leak_ml_s": float(self.model.fluid.boundary.outflow(state.u, "z_lower"))}
-
-
 @dataclass(frozen=True, kw_only=True)
-class Leakage(Benchmark[float, None]):
+class Leakage(Single):
     """The closed section; the leak is the size of the mean flow over the last quarter of the run."""
 
     name = "leakage"
@@ -73,63 +58,42 @@ class Leakage(Benchmark[float, None]):
     parameters = PARAMETERS
 
     def check(self, values: Values) -> None:
-        if values["hold"] > 1.0:
-            message = "expected a part of the explicit limit, at most 1"
-            raise CaseError(message, file="--set", key="hold", value=values["hold"])
-
-    def runs(self) -> list[float]:
-        return [self.values["h"]]
+        require(values["hold"] <= 1.0, "expected a part of the explicit limit, at most 1", values, "hold")
 
     def simulation(self, folder: Path, comm: MPI.Comm) -> Simulation:
         model, dt = build(self.values, comm), self.values["dt"]
+        outflow = Columns(("leak_ml_s",), lambda state: [model.fluid.boundary.outflow(state.u, "z_lower")])
         steps = max(8, round(self.values["t_end"] / dt))
-        output = Output(
-            directory=folder,
-            history_every=1,
-            checkpoint_wall_s=600.0,
-            observers=(Outflow(model),),
-            provenance=self.values,
-        )
-        return Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=np.inf), output)
+        return fixed_steps(model, folder, dt, steps, rows=steps, observers=(outflow,), provenance=self.values)
 
-    def one(self, run: float, job: Job) -> Record:
+    def measured(self, job: Job) -> Report:
         simulation = self.simulation(job.folder, job.comm)
         h, model = completed(simulation, job), simulation.model
         t, flow = h["t_s"][1:], h["leak_ml_s"][1:]
         late = flow[-max(1, round(LATE * len(flow))) :]
-        return {
-            "size": {"cells": list(model.grid.cells), "points": model.bodies[0].num_points},
-            "steps": len(flow),
-            "leak": abs(float(late.mean())),
-            "swing": float(0.5 * np.ptp(late)),
-            "largest": float(np.abs(flow).max()),
-            "_flow": (t, flow),
-        }
-
-    def report(self, records: Sequence[Record], known: None) -> Report:
-        (r,) = records
+        leak = abs(float(late.mean()))
         asked: tuple[str | None, str] = (None, "")
         if self.published("h", "pressure"):
             asked = (f"below {ASKED}", "what is asked at 100 mmHg and h = 1 mm")
         return Report(
             parameters=self.values,
-            quantities={"leak_ml_s": r["leak"]},
-            more={"size": r["size"]},
+            quantities={"leak_ml_s": leak},
+            more={"size": {"cells": list(model.grid.cells), "points": model.bodies[0].num_points}},
             table=[
-                row("leak, mean of the last quarter", r["leak"], *asked, unit="ml/s"),
-                row("swing about it", r["swing"], unit="ml/s"),
-                row("largest flow while the springs yield", r["largest"], unit="ml/s"),
+                row("leak, mean of the last quarter", leak, *asked, unit="ml/s"),
+                row("swing about it", float(0.5 * np.ptp(late)), unit="ml/s"),
+                row("largest flow while the springs yield", float(np.abs(flow).max()), unit="ml/s"),
             ],
-            timing={"steps": r["steps"]},
+            timing={"steps": len(flow)},
+            draw=lambda out: self._draw(out, t, flow),
         )
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+    def _draw(self, out: Path, t: Array, flow: Array) -> None:
         from valvefsi.post.plots.decay import leak
 
         v = self.values
         what = "with sinuses" if v["sinuses"] == "yes" else "without sinuses"
         case = f"h = {10 * v['h']:.3g} mm, {v['pressure'] / MMHG:.4g} mmHg"
-        t, flow = records[0]["_flow"]
         leak(out / "leak.png", t, flow, LATE, title=f"Closed test section {what}, {case}")
 
 
@@ -167,7 +131,6 @@ def build(parameters: Values, comm: MPI.Comm) -> fsi.Model:
     labels = patch_labels((tube, disk), h, reach)
     labels[len(tube.points) :] = SINGLE  # the plate stands for leaflets, which are held node by node
     tube = tube.moved(h * surface_offset(KERNEL, tube.normals, (0.0, 0.0, 1.0)))
-    share = hold * h / largest_square_sum(KERNEL)
-    springs = {"stiffness": share / dt**2, "damping": share / dt}
-    rigid = PatchedSurface(joined(tube, disk), labels, Coupling(grid, KERNEL), name="section", **springs)
+    held = springs(KERNEL, h, dt, hold)
+    rigid = PatchedSurface(joined(tube, disk), labels, Coupling(grid, KERNEL), name="section", **held)
     return fsi.Model(grid=grid, fluid=fluid, bodies=(rigid,))

@@ -1,16 +1,18 @@
-"""Drag and lift of a cylinder that sheds vortices: read off, compared, drawn."""
+"""A cylinder that sheds vortices at Re 100 and 200: drag, lift and frequency read off, compared, drawn."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from valvefsi.benchmarks import references
-from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.frame import Benchmark, R, Record, Report
+from valvefsi.benchmarks.results import row
 from valvefsi.grid import Array
 
 LABELS = {"drag": "mean drag", "lift": "amplitude of lift", "strouhal": "Strouhal number"}
@@ -26,28 +28,46 @@ class Forces:
     lift: Array
 
 
-def published(reynolds: float) -> dict[str, tuple[Band, str]]:
-    """Return the published range and its source by quantity; empty for other Reynolds numbers than 100 and 200."""
-    return {
-        line["quantity"]: ((float(line["low"]), float(line["high"])), line["source"])
-        for line in references.read("cylinder").rows
-        if float(line["reynolds"]) == reynolds
-    }
+@dataclass(frozen=True, kw_only=True)
+class Shedding(Benchmark[R, None]):
+    """One run until the cylinder sheds vortices regularly; its record holds ``grid``, ``steps`` and ``_forces``."""
 
+    @abstractmethod
+    def mesh_of(self, record: Record) -> str:
+        """Return what a run was on, for the title of the picture."""
 
-def fitted(reynolds: float) -> dict[str, float]:
-    """Return what `valvefsi.benchmarks.flows.cylinder_fitted` found, by quantity."""
-    rows = references.read("cylinder_fitted").rows
-    return {line["quantity"]: float(line["value"]) for line in rows if float(line["reynolds"]) == reynolds}
+    @property
+    def bands(self) -> dict[str, tuple[Band, str]]:
+        """The published range and its source by quantity; empty for Reynolds numbers that are not published."""
+        return {
+            line["quantity"]: ((float(line["low"]), float(line["high"])), line["source"])
+            for line in references.read("cylinder").rows
+            if float(line["reynolds"]) == self.values["reynolds"]
+        }
 
+    def report(self, records: Sequence[Record], reference: None) -> Report:
+        (r,), bands, table = records, self.bands, []
+        for key, label in LABELS.items():
+            band, source = bands.get(key, (None, ""))
+            table.append(row(label, r["quantities"][key], sum(band) / 2 if band else None, source))
+        return Report(
+            parameters=self.values | r["grid"],
+            quantities=r["quantities"],
+            reference={key: list(band) for key, (band, _) in bands.items()},
+            table=table,
+            timing={"steps": r["steps"]},
+        )
 
-def table_of(found: Mapping[str, float], reynolds: float) -> list[Row]:
-    """Return the rows that compare what was found with the middle of the published ranges."""
-    known, lines = published(reynolds), []
-    for key, label in LABELS.items():
-        band, source = known.get(key, (None, ""))
-        lines.append(row(label, found[key], sum(band) / 2 if band else None, source))
-    return lines
+    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
+        """Write ``forces.csv`` and ``forces.png``, with the published ranges."""
+        from valvefsi.post.plots.decay import forces as draw
+
+        (r,), reynolds = records, self.values["reynolds"]
+        forces, title = r["_forces"], f"Cylinder at Re {reynolds:g}, {self.mesh_of(r)}"
+        curves = (forces.t, forces.drag, forces.lift)
+        columns = np.stack(curves, axis=1)[:: max(1, len(forces.t) // 5000)]
+        np.savetxt(out / "forces.csv", columns, delimiter=",", comments="", header="t,drag,lift")
+        draw(out / "forces.png", curves, {key: band for key, (band, _) in self.bands.items()}, title=title)
 
 
 def numbers(forces: Forces) -> dict[str, float]:
@@ -66,15 +86,3 @@ def numbers(forces: Forces) -> dict[str, float]:
         "lift": float(np.mean([0.5 * (period.max() - period.min()) for period in periods])),
         "strouhal": float((len(up) - 1) / (crossing[-1] - crossing[0])),
     }
-
-
-def draw_forces(out: Path, forces: Forces, reynolds: float, title: str) -> None:
-    """Write ``forces.csv`` and ``forces.png``, with the published ranges."""
-    from valvefsi.post.plots.decay import forces as draw
-
-    curves = (forces.t, forces.drag, forces.lift)
-    columns = np.stack(curves, axis=1)[:: max(1, len(forces.t) // 5000)]
-    np.savetxt(out / "forces.csv", columns, delimiter=",", comments="", header="t,drag,lift")
-    draw(
-        out / "forces.png", curves, {key: band for key, (band, _) in published(reynolds).items()}, title=title
-    )

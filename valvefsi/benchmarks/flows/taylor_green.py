@@ -8,7 +8,6 @@ et al. 2017.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,13 +17,13 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks import references
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
+from valvefsi.benchmarks.frame import Job, Report, Single
 from valvefsi.benchmarks.options import Parameters, Values, option
 from valvefsi.benchmarks.results import row
+from valvefsi.benchmarks.running import flow_of
 from valvefsi.errors import StabilityError
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import SIDES, Boundary, FreeSlip
-from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grid import Array, MacGrid
 from valvefsi.post import diagnostics
 from valvefsi.verification.norms import normalised_difference
@@ -57,7 +56,7 @@ class Curves:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TaylorGreen(Benchmark[int, None]):
+class TaylorGreen(Single):
     """The vortex."""
 
     name = "taylor-green"
@@ -65,59 +64,48 @@ class TaylorGreen(Benchmark[int, None]):
 
     cells: int = option(48, "Cells along the edge of the eighth.", flag="--grid", least=8)
 
-    def runs(self) -> list[int]:
-        return [self.cells]
-
-    def one(self, run: int, job: Job) -> Record:
-        curves, steps = march(run, self.values, job)
+    def measured(self, job: Job) -> Report:
+        curves, steps = march(self.cells, self.values, job)
         peak, loss = int(np.argmax(curves.loss)), curves.loss
-        found = {"peak": float(loss[peak]), "t_peak": float(curves.t[peak])}
-        return {
-            "cells": run,
-            "steps": steps,
-            "quantities": found | {"energy_end": float(curves.energy[-1])},
-            "resolved": float(curves.resolved.max()),
-            "lost_to_scheme": float(1.0 - curves.resolved[peak] / loss[peak]),
-            "known": compare(curves) if self.published("reynolds") else {},
-            "_curves": curves,
+        q = {
+            "peak": float(loss[peak]),
+            "t_peak": float(curves.t[peak]),
+            "energy_end": float(curves.energy[-1]),
         }
-
-    def report(self, records: Sequence[Record], known: None) -> Report:
-        (r,) = records
-        q, found = r["quantities"], r["known"]
-        against = SOURCE if "peak" in found else ""
+        dns = compare(curves) if self.published("reynolds") else {}
+        against = SOURCE if "peak" in dns else ""
         table = [
-            row("largest loss of energy", q["peak"], found.get("peak"), against),
-            row("its time", q["t_peak"], found.get("t_peak"), against),
-            row("largest dissipation that the grid resolves", r["resolved"]),
-            row("energy lost to the scheme at the peak", r["lost_to_scheme"]),
+            row("largest loss of energy", q["peak"], dns.get("peak"), against),
+            row("its time", q["t_peak"], dns.get("t_peak"), against),
+            row("largest dissipation that the grid resolves", float(curves.resolved.max())),
+            row("energy lost to the scheme at the peak", float(1.0 - curves.resolved[peak] / loss[peak])),
             row("energy at the end", q["energy_end"]),
         ]
-        for name in ("energy", "loss") if found else ():
-            label = f"{name}, relative L2 difference from the table"
-            table.append(row(label, found[f"{name}_l2"], None, SOURCE))
-        doi = references.read(TABLE).doi
+        for name in ("energy", "loss") if dns else ():
+            table.append(
+                row(f"{name}, relative L2 difference from the table", dns[f"{name}_l2"], None, SOURCE)
+            )
         return Report(
             parameters=self.values | {"cells": self.cells, "whole_box": 2 * self.cells},
             quantities=q,
-            reference=found | {"source": SOURCE, "doi": doi} if found else {},
+            reference=dns | {"source": SOURCE, "doi": references.read(TABLE).doi} if dns else {},
             table=table,
-            timing={"steps": r["steps"], "cell_steps_per_s": self.cells**3 * r["steps"] / r["wall_s"]},
+            timing={"steps": steps, "cell_steps": self.cells**3 * steps},
+            draw=lambda out: self._draw(out, curves),
         )
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+    def _draw(self, out: Path, c: Curves) -> None:
         from valvefsi.post.plots.decay import decay
 
-        c = records[0]["_curves"]
         curves = (c.t, c.energy, c.loss, c.resolved)
         header = "t,energy,loss,resolved"
         np.savetxt(out / "decay.csv", np.stack(curves, axis=1), delimiter=",", comments="", header=header)
         rows = upto(c.t[-1]) if self.published("reynolds") else None
-        shown = None if rows is None else (rows.t, rows.energy, rows.loss)
+        dns = None if rows is None else (rows.t, rows.energy, rows.loss)
         name = (
             f"Taylor-Green vortex, Re {self.values['reynolds']:g}, {2 * self.cells}^3 cells in the whole box"
         )
-        decay(out / "decay.png", curves, shown, title=name, source="direct simulation, Dairay et al. 2017")
+        decay(out / "decay.png", curves, dns, title=name, source="direct simulation, Dairay et al. 2017")
 
 
 def published() -> Curves:
@@ -145,15 +133,15 @@ def compare(curves: Curves) -> dict[str, Any]:
     rows, end = upto(curves.t[-1]), curves.t[-1]
     if len(rows.t) < 2:
         return {}
-    found: dict[str, Any] = {"rows": len(rows.t), "t_last": float(rows.t[-1])}
+    difference: dict[str, Any] = {"rows": len(rows.t), "t_last": float(rows.t[-1])}
     for name in ("energy", "loss"):
         here = np.interp(rows.t, curves.t, getattr(curves, name))
-        found[f"{name}_l2"] = normalised_difference(rows.t, here, getattr(rows, name))
+        difference[f"{name}_l2"] = normalised_difference(rows.t, here, getattr(rows, name))
     if end >= T_PEAK_PASSED:
         table = published()
         top = int(np.argmax(table.loss))
-        found |= {"peak": float(table.loss[top]), "t_peak": float(table.t[top])}
-    return found
+        difference |= {"peak": float(table.loss[top]), "t_peak": float(table.t[top])}
+    return difference
 
 
 def march(cells: int, parameters: Values, job: Job) -> tuple[Curves, int]:
@@ -171,11 +159,8 @@ def march(cells: int, parameters: Values, job: Job) -> tuple[Curves, int]:
     grid = MacGrid([0.0] * 3, [np.pi] * 3, [cells] * 3, [False] * 3, job.comm)
     nu, t_end = 1.0 / parameters["reynolds"], parameters["t_end"]
     sides = Boundary(grid, {name: FreeSlip() for name in SIDES})
-    limit = ExplicitViscosity.limit(grid, rho=1.0, mu=nu)
-    h = np.pi / cells
-    # The largest speed is 1 at first and about that for long.
-    kind = ExplicitViscosity if 2.0 * parameters["cfl"] * h < limit else NavierStokes
-    fluid = kind(grid, sides, rho=1.0, mu=nu, advection=parameters["advection"])
+    usual = parameters["cfl"] * np.pi / cells  # the largest speed is 1 at first and about that for long
+    fluid = flow_of(grid, sides, usual, rho=1.0, mu=nu, advection=parameters["advection"])
     model, every, volume = fsi.Model(grid=grid, fluid=fluid), max(1, cells // 16), np.pi**3
     state: fsi.State | None = None
     u, t, rows = fluid.fill(_vortex(grid), 0.0), 0.0, []

@@ -13,7 +13,7 @@ which has settled to 1 % after some R^2 / (5.78 nu) times five. The points lie o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,12 +22,11 @@ from mpi4py import MPI
 from scipy.special import jn_zeros
 
 from valvefsi import fsi
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
-from valvefsi.benchmarks.options import Parameters, Values, option, read_quantities
+from valvefsi.benchmarks.frame import Job, Report, Single
+from valvefsi.benchmarks.options import Parameters, Values, option, read_quantities, require
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.running import completed
+from valvefsi.benchmarks.running import Columns, completed, fixed_steps, springs
 from valvefsi.bodies.patches import PatchedSurface
-from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.kernels import BSPLINE, KERNELS
 from valvefsi.coupling.offsets import surface_offset
 from valvefsi.coupling.transfer import Coupling
@@ -37,9 +36,6 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.geometry.aortic_section import SPACING, PointSurface
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
-from valvefsi.run.recording import Output
-from valvefsi.run.schedule import Schedule
-from valvefsi.run.simulation import Simulation
 from valvefsi.types import Array, Faces
 
 PARAMETERS: Parameters = {
@@ -176,33 +172,26 @@ def build(angle: int, h: float, values: Values, comm: MPI.Comm) -> tuple[fsi.Mod
         patch_labels([surface], h) if values["wall"] == "patches" else np.full(len(surface.points), SINGLE)
     )
     surface = surface.moved(h * surface_offset(kernel, surface.normals, tuple(axis.frame[0])))
-    share = values["hold"] * h / largest_square_sum(kernel)
-    springs = {"stiffness": share / dt**2, "damping": share / dt}
-    wall = PatchedSurface(surface, labels, Coupling(grid, kernel), name="tube", **springs)
+    held = springs(kernel, h, dt, values["hold"])
+    wall = PatchedSurface(surface, labels, Coupling(grid, kernel), name="tube", **held)
     return fsi.Model(grid=grid, fluid=fluid, bodies=(wall,)), weights, dt
 
 
-@dataclass(frozen=True)
-class Flow:
-    """Reads off the flow over the final one."""
+def flow_over_final(model: fsi.Model, weights: Faces, relaxation: float) -> Columns:
+    """Return what reads off the flow over the final one, and how far it is off the series [% of the final flow]."""
+    grid = model.grid
 
-    model: fsi.Model
-    weights: Faces
-    relaxation: float
-    columns = ("flow_over_final", "flow_error_percent")
-
-    def row(self, state: fsi.State) -> dict[str, float]:
-        """Return the flow and how far it is off the series [% of the final flow] (collective)."""
-        grid = self.model.grid
+    def values(state: fsi.State) -> tuple[float, float]:
         places = [grid.owned_faces(d) for d in range(3)]
-        here = sum(np.vdot(w[o], u[o]) for w, u, o in zip(self.weights, state.u, places, strict=True))
+        here = sum(np.vdot(w[o], u[o]) for w, u, o in zip(weights, state.u, places, strict=True))
         flow = float(grid.comm.allreduce(here))
-        exact = float(start_up(np.array(state.t), self.relaxation))
-        return dict(zip(self.columns, (flow, 100.0 * (flow - exact)), strict=True))
+        return flow, 100.0 * (flow - float(start_up(np.array(state.t), relaxation)))
+
+    return Columns(("flow_over_final", "flow_error_percent"), values)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tube(Benchmark[float, None]):
+class Tube(Single):
     """Flow in a tube of held points, from rest until long after it has settled."""
 
     name = "tube"
@@ -217,69 +206,58 @@ class Tube(Benchmark[float, None]):
         if not self.spacing > 0.0:
             raise CaseError("expected a positive length", key="--grid", value=self.grid)
         for key in ("step", "hold"):
-            if values[key] > 1.0:
-                message = "expected a part of the limit, at most 1"
-                raise CaseError(message, file="--set", key=key, value=values[key])
+            require(values[key] <= 1.0, "expected a part of the limit, at most 1", values, key)
 
     @property
     def spacing(self) -> float:
         """Grid spacing [cm]."""
         return read_quantities({"grid": (0.1, "cm")}, [f"grid={self.grid}"])["grid"]
 
-    def runs(self) -> list[float]:
-        """Return the spacing."""
-        return [self.spacing]
+    @property
+    def across(self) -> float:
+        """Spacings across the tube."""
+        return 2.0 * self.values["radius"] / self.spacing
 
-    def one(self, run: float, job: Job) -> Record:
-        """Run the tube and read off its flow."""
-        values = self.values
-        model, weights, dt = build(self.angle, run, values, job.comm)
+    def measured(self, job: Job) -> Report:
+        """Run the tube: the error at the end, the largest one and its drift over the second half."""
+        values, unit = self.values, "% of the final flow"
+        model, weights, dt = build(self.angle, self.spacing, values, job.comm)
         steps = max(4, math.ceil(values["t_end"] / dt))
-        output = Output(
-            directory=job.folder,
-            history_every=max(1, steps // 600),
-            checkpoint_wall_s=600.0,
-            observers=(Flow(model, weights, values["relaxation"]),),
-            provenance={**values, "grid": run, "angle": self.angle},
+        simulation = fixed_steps(
+            model,
+            job.folder,
+            dt,
+            steps,
+            rows=600,
+            observers=(flow_over_final(model, weights, values["relaxation"]),),
+            provenance={**values, "grid": self.spacing, "angle": self.angle},
         )
-        simulation = Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=np.inf), output)
         h = completed(simulation, job)
-        return {
-            "t": h["t_s"].tolist(),
-            "flow": h["flow_over_final"].tolist(),
-            "error": h["flow_error_percent"].tolist(),
-            "steps": steps,
-            "cells": list(model.grid.cells),
-        }
-
-    def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return the error at the end, the largest one and its drift over the second half."""
-        (r,), unit = records, "% of the final flow"
-        t, error = np.array(r["t"]), np.array(r["error"])
+        t, flow, error = (h[name] for name in ("t_s", "flow_over_final", "flow_error_percent"))
         middle, last = np.interp([0.5 * t[-1], t[-1]], t, error)
-        table = [
-            row("flow, error at the end", float(last), unit=unit),
-            row("largest error, start-up included", float(np.abs(error).max()), unit=unit),
-            row("change of the error over the second half", float(np.ptp(error[t > 0.5 * t[-1]])), unit=unit),
-        ]
+        numbers = {
+            "flow_error_percent": float(last),
+            "largest_flow_error_percent": float(np.abs(error).max()),
+            "drift_percent": float(last - middle),
+        }
+        swing = float(np.ptp(error[t > 0.5 * t[-1]]))
         return Report(
-            parameters={**self.values, "h": self.spacing, "angle": self.angle},
-            quantities={
-                "flow_error_percent": float(last),
-                "largest_flow_error_percent": float(np.abs(error).max()),
-                "drift_percent": float(last - middle),
-            },
-            more={"size": {"cells": r["cells"], "across": 2.0 * self.values["radius"] / self.spacing}},
-            table=table,
-            timing={"steps": r["steps"]},
+            parameters={**values, "h": self.spacing, "angle": self.angle},
+            quantities=numbers,
+            more={"size": {"cells": list(model.grid.cells), "across": self.across}},
+            table=[
+                row("flow, error at the end", numbers["flow_error_percent"], unit=unit),
+                row("largest error, start-up included", numbers["largest_flow_error_percent"], unit=unit),
+                row("change of the error over the second half", swing, unit=unit),
+            ],
+            timing={"steps": steps},
+            draw=lambda out: self._draw(out, t, flow, error),
         )
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+    def _draw(self, out: Path, t: Array, flow: Array, error: Array) -> None:
         """Draw the flow over the series, and how far it is off."""
         from valvefsi.post.plots.tube import start_up_flow
 
-        t, flow, error = (np.array(records[0][key]) for key in ("t", "flow", "error"))
         exact = start_up(t, self.values["relaxation"])
-        across = 2.0 * self.values["radius"] / self.spacing
-        title = f"Tube of held points, {across:.3g} cells across, {self.angle} degrees to the grid"
+        title = f"Tube of held points, {self.across:.3g} cells across, {self.angle} degrees to the grid"
         start_up_flow(out / "flow.png", (t[1:], flow[1:], exact[1:], error[1:]), title=title)

@@ -27,7 +27,7 @@ from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
 from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, couple
 from valvefsi.benchmarks.options import option
-from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.benchmarks.running import flow_of, time_of_pair
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.elastic_plan import LONGEST_GAP
@@ -38,7 +38,6 @@ from valvefsi.grid import MacGrid
 from valvefsi.run.simulation import timed
 from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
-from valvefsi.verification.convergence import observed_order
 
 if TYPE_CHECKING:
     from valvefsi.post.plots.immersed import Line
@@ -105,8 +104,8 @@ class SoftBody(Benchmark[int, None]):
     def count(self, dt: float) -> int:
         """Return the number of steps."""
 
-    def known(self, quantity: str) -> float | None:
-        """Return what another code found, None where it did not run this body."""
+    def elsewhere(self, quantity: str) -> float | None:
+        """Return what another code gives, None where it did not run this body."""
         return None
 
     def runs(self) -> list[int]:
@@ -163,16 +162,15 @@ class SoftBody(Benchmark[int, None]):
             "phases_pairs": {k: v / max(1, steps - 2) / pair for k, v in phases.items()},
         }
 
-    def report(self, records: Sequence[Record], known: None) -> Report:
+    def report(self, records: Sequence[Record], reference: None) -> Report:
         keys = ("volume_change", "pairs", "step_s")
-        numbers = {key: self.known(key) for key in ("change", "pairs")}
+        numbers = {key: self.elsewhere(key) for key in ("change", "pairs")}
         table = [line for record in records for line in self._lines(record)]
         ends = [np.array([r["history"]["x"][-1], r["history"]["y"][-1]]) for r in records[-3:]]
         if len(ends) == 3:
             far, near = (float(np.linalg.norm(b - a)) for a, b in itertools.pairwise(ends))
-            order = observed_order([0.0, far, far + near])
-            if order is not None:
-                table.append(row("observed order of the path's end", order, source="three grids"))
+            name = "observed order of the path's end"
+            table += order_row(name, [0.0, far, far + near], source="three grids")
         grids = {"grids": self.runs(), "dim": self.dim, "numerics": vars(self.numerics)}
         return Report(
             parameters=self.values | grids,
@@ -183,7 +181,7 @@ class SoftBody(Benchmark[int, None]):
         )
 
     def _lines(self, r: Record) -> list[Row]:
-        change, pairs = self.known("change"), self.known("pairs")
+        change, pairs = self.elsewhere("change"), self.elsewhere("pairs")
         kept = "" if change is None else f"IBAMR 0.19: {change:.1e}; wanted <= {CHANGE_LIMIT:g}"
         took = "" if pairs is None else f"IBAMR 0.19, one rank: {pairs:.0f}; wanted <= {PAIR_LIMIT:g}"
         parts = ", ".join(f"{k} {v:.1f}" for k, v in r["phases_pairs"].items())
@@ -198,7 +196,7 @@ class SoftBody(Benchmark[int, None]):
             row(f"  centre at t = {end['t']:.4g} s", f"({end['x']:.5f}, {end['y']:.5f})", unit="cm"),
         ]
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
         from valvefsi.post.plots.immersed import Line, Panel, panels
 
         def lines(x: str, y: str) -> list[Line]:
@@ -208,12 +206,12 @@ class SoftBody(Benchmark[int, None]):
             ]
 
         change = f"relative {self.measure} change [-]"
-        shown = [
+        both = [
             Panel(lines=lines("x", "y"), xlabel="x of the centre [cm]", ylabel="y of the centre [cm]"),
             Panel(lines=lines("t", "change"), xlabel="t [s]", ylabel=change, reference=0.0),
         ]
         caption = f"{self.kernel}, {self.coupling}, Re 100"
-        panels(out / f"{self.name}.png", shown, title=self.name.replace("-", " "), caption=caption)
+        panels(out / f"{self.name}.png", both, title=self.name.replace("-", " "), caption=caption)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,7 +230,7 @@ class SphereInCavity(SoftBody):
     def count(self, dt: float) -> int:
         return self.steps
 
-    def known(self, quantity: str) -> float | None:
+    def elsewhere(self, quantity: str) -> float | None:
         return references.read("ibamr_sphere_in_cavity").value("value", quantity=quantity)
 
 

@@ -7,7 +7,7 @@ smoothly over the first 40 % of the run; displacement and area are averaged over
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks.frame import Announce, Benchmark, Command, Job, Record, Report, Result
+from valvefsi.benchmarks.frame import Job, Report, Result, Session, Single
 from valvefsi.benchmarks.immersed.numerics import Numerics
-from valvefsi.benchmarks.immersed.study import Compared, GridStudy
+from valvefsi.benchmarks.immersed.study import GridStudy
 from valvefsi.benchmarks.options import Parameters, Values, option, read_parameters, read_quantities
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.running import AVERAGED, History, late_mean, late_size
+from valvefsi.benchmarks.running import AVERAGED, History, late, late_mean
 from valvefsi.benchmarks.statics.compression import converged
 from valvefsi.case import Case, parse_case
 from valvefsi.case.build import build, write_case
@@ -30,6 +30,7 @@ from valvefsi.coupling.kernels import KERNELS
 from valvefsi.errors import CaseError
 from valvefsi.io.history import read_history
 from valvefsi.run.planning import plan as make_plan
+from valvefsi.run.recording import Probe
 from valvefsi.run.simulation import Simulation
 from valvefsi.solid import statics
 from valvefsi.solid.structure import Structure
@@ -40,6 +41,7 @@ GRID, BOX, LENGTH = 16, 40.0, 20.0
 """Cells along the box of the coarsest grid of a series; edge of the box and length of the block [cm]."""
 TOP = (20.0, 25.0)
 """Centre of the top [cm]."""
+KEY = "u_y_top_centre_cm"
 PARAMETERS: Parameters = {
     "traction": (200.0, "dyn/cm^2"),
     "c1": (80.194, "dyn/cm^2"),
@@ -52,33 +54,11 @@ PARAMETERS: Parameters = {
     "tether_damping": (0.0, "dyn*s/cm^3"),
 }
 """Default and unit of the parameters that ``--set NAME=value`` reaches; dotted keys reach the whole case."""
-MAIN = Compared(column="u_y_top_centre_cm", key="u_y_top_centre_cm", label="u_y of the top centre", unit="cm")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Block:
-    """One block.
-
-    Attributes:
-        elements: Elements M along the block's 20 cm.
-        grid: Cells N along each edge of the box.
-        kernel: Name of the regularised delta function.
-        nu_stab: Numerical Poisson ratio (S22), None for no volumetric energy.
-        overrides: ``key=value``, a name in `PARAMETERS` or a dotted key of the case.
-        replace: Whether a run that the folder holds may be replaced.
-    """
-
-    elements: int = 32
-    grid: int = 64
-    kernel: str = "bspline3"
-    nu_stab: float | None = 0.4
-    overrides: Sequence[str] = ()
-    replace: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class Compression(Command):
-    """The block on one grid, or on a series of grids, stabilised and not."""
+class Compression(Single):
+    """The block on one grid, against statics on its own mesh; or on a series of grids, stabilised and not."""
 
     name = "compression"
     resumable = True
@@ -94,39 +74,40 @@ class Compression(Command):
     refine: int = option(0, "Number of finer grids: a series, stabilised and not.", least=0, most=4)
 
     replaces: bool = False
+    """Whether a run that the folder holds may be replaced."""
 
-    def __post_init__(self) -> None:
-        """Refuse what cannot be run."""
-        super().__post_init__()
-        self.chosen()
+    def read(self) -> Values:
+        return {}
+
+    def check(self, values: Values) -> None:
+        if self.refine:
+            self.series()
+        else:
+            self.case()
 
     def overwrite(self) -> Compression:
         """Return the same, allowed to replace a run that its folder holds."""
         return replace(self, replaces=True)
 
     @property
+    def chosen(self) -> dict[str, Any]:
+        """Elements, cells, kernel and stabilisation of the block on one grid."""
+        held = "off" if self.nu_stab is None else self.nu_stab
+        size = {"elements": self.elements or 32, "grid": self.grid or 64}
+        return {**size, "kernel": self.kernel, "nu_stab": held}
+
+    @property
     def folder(self) -> str:
         if self.refine:
             return "compression-series"
-        held = "off" if self.nu_stab is None else self.nu_stab
-        return f"compression-M{self.block.elements}-N{self.block.grid}-{self.kernel}-{held}"
+        return "compression-M{elements}-N{grid}-{kernel}-{nu_stab}".format(**self.chosen)
 
-    @property
-    def block(self) -> Block:
-        """The block on one grid."""
-        return Block(
-            elements=self.elements or 32,
-            grid=self.grid or 64,
-            kernel=self.kernel,
-            nu_stab=self.nu_stab,
-            overrides=self.overrides,
-            replace=self.replaces,
-        )
+    def series(self) -> BlockSeries:
+        """Return the series of grids.
 
-    def chosen(self) -> OneBlock | BlockSeries:
-        """Return the block or the series."""
-        if not self.refine:
-            return OneBlock(block=self.block)
+        Raises:
+            CaseError: The ends of the load would lie between nodes, or a case is not valid.
+        """
         grid = self.grid or GRID
         elements = self.elements or grid
         if elements % 4:
@@ -141,90 +122,74 @@ class Compression(Command):
             overrides=self.overrides,
         )
 
+    def case(self) -> Case:
+        """Return the case of the block on one grid, with overrides.
+
+        Raises:
+            CaseError: An override or the outcome is not a valid case.
+        """
+        keys = {text: split_override(text)[0] for text in self.overrides}
+        values = read_quantities(PARAMETERS, [text for text, key in keys.items() if "." not in key])
+        if "c1" in keys.values() and "damping" not in keys.values():
+            values["damping"] = 0.05 * values["c1"]
+        return parse_case(_raw_case(self.chosen, values), [text for text, key in keys.items() if "." in key])
+
     def plan(self, out: Path, comm: MPI.Comm) -> Result:
         """Return size, step limits and expected time of the run (collective)."""
         if self.refine:
             raise CaseError("a plan is of one run", key="--plan", value="--refine")
-        return {"plan": make_plan(build(compression_case(self.block), out, comm))}
+        return {"plan": make_plan(build(self.case(), out, comm))}
 
-    def run(
-        self,
-        *,
-        out: Path,
-        comm: MPI.Comm = MPI.COMM_WORLD,
-        progress: Announce | None = None,
-        resume: bool = False,
-    ) -> Result:
-        """Run the block or the series, see `Command.run`."""
-        return self.chosen().run(out=out, comm=comm, progress=progress, resume=resume)
+    def execute(self, session: Session) -> Result:
+        return self.series().execute(session) if self.refine else super().execute(session)
 
-
-@dataclass(frozen=True, kw_only=True)
-class OneBlock(Benchmark[Block, None]):
-    """The block on one grid, against statics on its own mesh."""
-
-    name = "compression"
-
-    block: Block
-
-    def check(self, values: Values) -> None:
-        compression_case(self.block)
-
-    def runs(self) -> list[Block]:
-        return [self.block]
-
-    def one(self, run: Block, job: Job) -> Record:
-        case = compression_case(run)
-        with run_folder(case, job.folder, job.comm, resume=job.resume, overwrite=run.replace) as changes:
+    def measured(self, job: Job) -> Report:
+        case, replaces = self.case(), self.replaces
+        with run_folder(case, job.folder, job.comm, resume=job.resume, overwrite=replaces) as changes:
             simulation = build(case, job.folder, job.comm, changes)
-            if run.replace and not job.resume:
+            if replaces and not job.resume:
                 clear(job.folder, job.comm)
             write_case(case, job.folder, job.comm, changes)
-            reference = static_reference(simulation, case)
+            exact = static_reference(simulation, case)
             outcome = simulation.run(resume=job.resume, progress=job.progress)
-        lines = {MAIN.column: ("statics", reference), "block_area_change_percent": ("incompressible", 0.0)}
-        title = f"Compressed block, {run.elements} elements, {run.grid}$^2$ cells, {run.kernel}"
+        lines = {KEY: ("statics", exact), "block_area_change_percent": ("incompressible", 0.0)}
+        title = "Compressed block, {elements} elements, {grid}$^2$ cells, {kernel}".format(**self.chosen)
         simulation.pictures(outcome.state, title=title, references=lines)
-        return {
-            "quantities": job.comm.bcast(_quantities(job.folder, case) if job.comm.rank == 0 else None),
-            "reference": reference,
-            "case": case_parameters(case),
-            "timing": outcome.timing(simulation.model.grid),
-        }
-
-    def report(self, records: Sequence[Record], known: None) -> Report:
-        (r,), block = records, self.block
-        q, u_y, statics_ = r["quantities"], r["quantities"][MAIN.key], r["reference"]
-        table = [row(MAIN.label, u_y, statics_, "mixed u-p statics, same mesh, this run", unit="cm")]
-        if all(r["case"][key] == PARAMETERS[key][0] for key in ("traction", "c1")):
+        q = job.comm.bcast(_quantities(job.folder, case) if job.comm.rank == 0 else None)
+        parameters, name, u_y, area = (
+            case_parameters(case),
+            "u_y of the top centre",
+            q[KEY],
+            q["area_change_percent"],
+        )
+        table = [row(name, u_y, exact, "mixed u-p statics, same mesh, this run", unit="cm")]
+        if all(parameters[key] == PARAMETERS[key][0] for key in ("traction", "c1")):
             table.append(row("", u_y, converged(), "mixed elements, converged", unit="cm"))
-        area = q["area_change_percent"]
         table += [
             row("area change", area, 0.0, "incompressible", unit="%", relative=False),
             row("smallest J", q["J_min"], source="1 when incompressible"),
             row("largest J", q["J_max"], source="1 when incompressible"),
         ]
-        chosen = {"elements": block.elements, "grid": block.grid, "kernel": block.kernel}
-        held = {"nu_stab": "off" if block.nu_stab is None else block.nu_stab}
+        timing = outcome.timing(simulation.model.grid)
         return Report(
-            parameters=chosen | held | r["case"],
+            parameters=self.chosen | parameters,
             quantities=q,
-            reference={MAIN.key: statics_},
-            more={"relative_error": (u_y - statics_) / abs(statics_)},
+            reference={KEY: exact},
+            more={"relative_error": (u_y - exact) / abs(exact)},
             table=table,
-            timing=r["timing"],
+            timing=timing,
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class BlockSeries(GridStudy):
-    """The block on a series of grids; every run is the one that `OneBlock` makes of the same options (S4 c, d)."""
+    """The block on a series of grids; every run is the one that `Compression` makes of the same options (S4 c, d)."""
 
     name = "compression"
     title = "Compressed block (E.1), immersed"
     parameters = PARAMETERS
-    main = MAIN
-    change = Compared(column="block_area_change_percent", key="change_percent", label="area change", unit="%")
+    body = "block"
+    probe = Probe(name="top_centre", body=0, at=TOP)
 
     def read(self) -> Values:
         keys = {text: split_override(text)[0] for text in self.overrides}
@@ -238,29 +203,34 @@ class BlockSeries(GridStudy):
         super().check(values)
         self.case_of(self.runs()[0])
 
+    def elements(self, numerics: Numerics) -> int:
+        """Return the elements along the block's 20 cm."""
+        return round(LENGTH * numerics.grid / (numerics.ratio * BOX))
+
+    def settings(self, numerics: Numerics) -> Values:
+        """Return what is set of the case of one run, by key."""
+        return self.values
+
     def case_of(self, numerics: Numerics) -> Case:
-        """Return the case of one block."""
-        block = Block(
-            elements=round(LENGTH * numerics.grid / (numerics.ratio * BOX)),
+        """Return the case of one run."""
+        return Compression(
+            elements=self.elements(numerics),
             grid=numerics.grid,
             kernel=numerics.kernel,
             nu_stab=numerics.nu_stab,
-            overrides=[f"{key}={value}" for key, value in self.values.items()],
-        )
-        return compression_case(block)
+            overrides=[f"{key}={value}" for key, value in self.settings(numerics).items()],
+        ).case()
 
     def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
         return build(self.case_of(numerics), folder, comm)
 
     def quantities(self, history: History) -> dict[str, float]:
-        late = history["t_s"] >= (1.0 - AVERAGED) * history["t_s"][-1]
-        return {
-            "u_y_top_centre_cm": late_mean(history, "u_y_top_centre_cm"),
-            "change_percent": late_size(history, "block_area_change_percent"),
-            "largest_change_percent": float(np.abs(history["block_area_change_percent"]).max()),
-            "area_change_percent": late_mean(history, "block_area_change_percent"),
-            "J_min": float(history["block_J_min"][late].min()),
-            "J_max": float(history["block_J_max"][late].max()),
+        last = late(history)
+        return super().quantities(history) | {
+            "largest_change_percent": float(np.abs(history[self.change]).max()),
+            "area_change_percent": late_mean(history, self.change),
+            "J_min": float(history["block_J_min"][last].min()),
+            "J_max": float(history["block_J_max"][last].max()),
         }
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
@@ -274,65 +244,34 @@ class BlockSeries(GridStudy):
         return [(converged(), "mixed elements, converged")] if self.published("traction", "c1") else []
 
 
-def compression_case(block: Block) -> Case:
-    """Return the case of the benchmark, with overrides.
-
-    Raises:
-        CaseError: An override or the outcome is not a valid case.
-    """
-    keys = {text: split_override(text)[0] for text in block.overrides}
-    dotted = [text for text, key in keys.items() if "." in key]
-    values = read_quantities(PARAMETERS, [text for text, key in keys.items() if "." not in key])
-    chosen = keys.values()
-    if "c1" in chosen and "damping" not in chosen:
-        values["damping"] = 0.05 * values["c1"]
-    return parse_case(_raw_case(block, values), dotted)
-
-
-def _raw_case(block: Block, v: Values) -> dict[str, Any]:
-    steps = round(v["t_end"] * block.grid / (v["dt_per_h"] * 40.0)) if v["dt_per_h"] > 0 else 0
-    return {
-        "title": "Compressed block (Lee2020, E.1)",
-        "grid": {"lower": [0.0, 0.0], "upper": [40.0, 40.0], "cells": [block.grid, block.grid]},
-        "fluid": {"density": v["rho"], "viscosity": v["mu"]},
-        "time": {"dt_per_h": v["dt_per_h"], "t_end": v["t_end"]},
-        "output": {
-            "history_every": max(1, steps // 600),
-            "frames": 20,
-            "checkpoint_every": max(1, steps // 4),
-        },
-        "solid": [_raw_block(block, v)],
-    }
-
-
-def _raw_block(block: Block, v: Values) -> dict[str, Any]:
+def _raw_case(chosen: Mapping[str, Any], v: Values) -> dict[str, Any]:
+    grid, elements = chosen["grid"], chosen["elements"]
+    steps = round(v["t_end"] * grid / (v["dt_per_h"] * BOX)) if v["dt_per_h"] > 0 else 0
     tether = {"stiffness": v["tether_stiffness"], "damping": v["tether_damping"]}
-    return {
+    ramp = {"ramp": RAMP * v["t_end"], "ramp_shape": "smooth"}
+    mesh = {"lower": [10.0, 15.0], "size": [20.0, 10.0], "elements": [elements, elements // 2]}
+    block = {
         "name": "block",
-        "mesh": {
-            "shape": "compressed_block",
-            "lower": [10.0, 15.0],
-            "size": [20.0, 10.0],
-            "elements": [block.elements, block.elements // 2],
-            "load_width": 10.0,
-        },
-        "kernel": block.kernel,
+        "mesh": {"shape": "compressed_block", **mesh, "load_width": 10.0},
+        "kernel": chosen["kernel"],
         "damping": v["damping"],
-        "nu_stab": "off" if block.nu_stab is None else block.nu_stab,
+        "nu_stab": chosen["nu_stab"],
         "material": {"model": "neo_hookean", "c1": v["c1"]},
         "tether": [
             {"on": ["bottom"], "components": ["y"], **tether},
             {"on": ["top_loaded", "top_outer"], "components": ["x"], **tether},
         ],
-        "load": [
-            {
-                "on": ["top_loaded"],
-                "traction": [0.0, -v["traction"]],
-                "ramp": RAMP * v["t_end"],
-                "ramp_shape": "smooth",
-            }
-        ],
-        "probe": [{"name": "top_centre", "at": [20.0, 25.0]}],
+        "load": [{"on": ["top_loaded"], "traction": [0.0, -v["traction"]], **ramp}],
+        "probe": [{"name": "top_centre", "at": list(TOP)}],
+    }
+    every = {"history_every": max(1, steps // 600), "checkpoint_every": max(1, steps // 4)}
+    return {
+        "title": "Compressed block (Lee2020, E.1)",
+        "grid": {"lower": [0.0, 0.0], "upper": [BOX, BOX], "cells": [grid, grid]},
+        "fluid": {"density": v["rho"], "viscosity": v["mu"]},
+        "time": {"dt_per_h": v["dt_per_h"], "t_end": v["t_end"]},
+        "output": {"frames": 20, **every},
+        "solid": [block],
     }
 
 
@@ -364,12 +303,14 @@ def static_reference(simulation: Simulation, case: Case) -> float:
 def _quantities(folder: Path, case: Case) -> dict[str, float]:
     """Means over the last part of the run, and how much the displacement still moves there."""
     history = {k: np.array(v) for k, v in read_history(folder / "history.csv").items()}
-    late = history["t_s"] >= (1.0 - AVERAGED) * case.time.t_end
-    u_y = history["u_y_top_centre_cm"][late]
+    last = history["t_s"] >= (1.0 - AVERAGED) * case.time.t_end
+    u_y, area, low, high = (
+        history[key][last] for key in (KEY, "block_area_change_percent", "block_J_min", "block_J_max")
+    )
     return {
-        "u_y_top_centre_cm": float(u_y.mean()),
+        KEY: float(u_y.mean()),
         "u_y_top_centre_swing_cm": float(np.ptp(u_y)),
-        "area_change_percent": float(history["block_area_change_percent"][late].mean()),
-        "J_min": float(history["block_J_min"][late].min()),
-        "J_max": float(history["block_J_max"][late].max()),
+        "area_change_percent": float(area.mean()),
+        "J_min": float(low.min()),
+        "J_max": float(high.max()),
     }

@@ -12,23 +12,17 @@ between the nodes: the membrane yields without end. Elements of half a spacing h
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from mpi4py import MPI
 
-from valvefsi.benchmarks.immersed.numerics import Numerics, immersed_model
-from valvefsi.benchmarks.immersed.study import Compared, GridStudy
-from valvefsi.benchmarks.options import Parameters, option
-from valvefsi.benchmarks.running import History, late_mean, late_size
-from valvefsi.benchmarks.statics.cook import band
-from valvefsi.benchmarks.statics.cook import solve as solve_statics
+from valvefsi.benchmarks.immersed.numerics import Numerics
+from valvefsi.benchmarks.immersed.study import SolidStudy
+from valvefsi.benchmarks.options import Parameters, option, texts
+from valvefsi.benchmarks.statics.cook import StaticCook, band
 from valvefsi.benchmarks.statics.study import Mesh
-from valvefsi.fluid.boundary import Boundary
 from valvefsi.geometry.benchmark_shapes import COOK, cook_membrane
 from valvefsi.grid import MacGrid
-from valvefsi.run.recording import Output, Probe
-from valvefsi.run.schedule import Schedule
-from valvefsi.run.simulation import Simulation
+from valvefsi.run.recording import Probe
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Structure
@@ -56,53 +50,36 @@ def elements(numerics: Numerics) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cook(GridStudy):
+class Cook(SolidStudy):
     """The membrane on one or several grids."""
 
     name = "cook"
     title = "Cook's membrane, immersed"
     parameters = PARAMETERS
-    main = Compared(column="u_y_corner_cm", key="u_y_corner_cm", label="u_y of the corner", unit="cm")
-    change = Compared(
-        column="membrane_area_change_percent", key="change_percent", label="area change", unit="%"
-    )
+    body, width = "membrane", BOX
+    probe = Probe(name="corner", body=0, at=COOK[2])
 
     grid: int = option(25, "Cells along the box.", least=4)
 
-    def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
-        n, values = numerics.grid, self.values
-        load = DeadLoad(
-            on=("right",),
-            traction=(0.0, values["traction"]),
-            ramp=Ramp(duration=RAMP * values["t_end"], shape="smooth"),
-        )
-        solid = Structure(
+    def solid(self, numerics: Numerics, comm: MPI.Comm) -> Structure:
+        values = self.values
+        ramp = Ramp(duration=RAMP * values["t_end"], shape="smooth")
+        return Structure(
             cook_membrane(comm, elements=elements(numerics)),
             NeoHookean(c1=values["c1"]),
             name="membrane",
             nu_stab=numerics.nu_stab,
             damping=values["damping"],
             tethers=[Tether(on=("left",), stiffness=values["tether_stiffness"])],
-            loads=[load],
+            loads=[DeadLoad(on=("right",), traction=(0.0, values["traction"]), ramp=ramp)],
         )
-        grid = MacGrid(SHIFT, [s + BOX for s in SHIFT], [n, n], [False, False], comm)
-        model = immersed_model(grid, Boundary(grid), solid, numerics, values)
-        steps = round(values["t_end"] * n / (values["dt_per_h"] * BOX))
-        probe = Probe(name="corner", body=0, at=COOK[2])
-        output = Output(directory=folder, history_every=max(1, steps // 300), probes=(probe,))
-        return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
 
-    def quantities(self, history: History) -> dict[str, float]:
-        return {
-            "u_y_corner_cm": late_mean(history, "u_y_corner_cm"),
-            "change_percent": late_size(history, "membrane_area_change_percent"),
-            "J_min": float(history["membrane_J_min"].min()),
-            "J_max": float(history["membrane_J_max"].max()),
-        }
+    def box(self, cells: int, comm: MPI.Comm) -> MacGrid:
+        return MacGrid(SHIFT, [s + BOX for s in SHIFT], [cells] * 2, [False, False], comm)
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-        static = {"traction": self.values["traction"], "c1": self.values["c1"], "scale": 1.0}
-        answer = solve_statics(static, Mesh(cell="quadrilateral", elements=FINE), comm)
+        static = StaticCook(overrides=texts(self.values, "traction", "c1"))
+        answer = static.solve(Mesh(cell="quadrilateral", elements=FINE), comm)
         return answer.values["u_y_corner_cm"], f"mixed u-p statics, {FINE} x {FINE}, this run"
 
     def elsewhere(self) -> list[tuple[float | str, str]]:

@@ -11,7 +11,7 @@ error. With r from the centre and the mean of p zero,
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
 from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, couple
 from valvefsi.benchmarks.options import Values, option
-from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
@@ -34,7 +34,7 @@ from valvefsi.grid import MacGrid
 from valvefsi.solid.materials.fibres import circumferential
 from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
-from valvefsi.verification.convergence import observed_order, ratios_of
+from valvefsi.verification.convergence import ratios_of
 from valvefsi.verification.norms import error_norms
 
 PARAMETERS = {
@@ -132,30 +132,31 @@ class Shell(Benchmark[Series, None]):
     ratio: float = 0.5
 
     def runs(self) -> list[Series]:
-        every = []
-        for kernel in self.kernels:
-            kinds = [("shell", coupling) for coupling in self.couplings] + [("membrane", "nodal")]
-            for body, coupling in kinds:
-                shared = {"ratio": self.ratio, "kernel": kernel, "coupling": coupling, "nu_stab": None}
-                grids = refined(self.grid, self.refine)
-                every += [Series(body=body, numerics=Numerics(grid=n, **shared)) for n in grids]  # type: ignore[arg-type]
-        return every
+        return [
+            Series(
+                body=body,
+                numerics=Numerics(grid=n, ratio=self.ratio, kernel=kernel, coupling=coupling, nu_stab=None),
+            )
+            for kernel in self.kernels
+            for body, coupling in [*(("shell", c) for c in self.couplings), ("membrane", "nodal")]
+            for n in refined(self.grid, self.refine)
+        ]
 
     def one(self, run: Series, job: Job) -> Record:
         measure = shell_at_rest if run.body == "shell" else membrane_at_rest
-        found = measure(run.numerics, self.values, job.comm)
-        return {"series": run.name, "grid": run.numerics.grid, "quantities": found}
+        q = measure(run.numerics, self.values, job.comm)
+        return {"series": run.name, "grid": run.numerics.grid, "quantities": q}
 
-    def report(self, records: Sequence[Record], known: None) -> Report:
+    def report(self, records: Sequence[Record], reference: None) -> Report:
         series, table = _by_series(records), []
         for name, runs in series.items():
             table += [line for run in runs for line in self._lines(name, run)]
             q = [run["quantities"] for run in runs]
             ratios = ratios_of([run["grid"] for run in runs])
             for key, label in (("p_L1", "L1 error of p"), ("p_L2", "L2 error of p"), ("u_max", "velocity")):
-                order = observed_order([one[key] for one in q], ratios, exact=0.0) if key in q[0] else None
-                if order is not None:
-                    table.append(row(f"  observed order, {label}", order, source=name))
+                if key in q[0]:
+                    errors, label = [one[key] for one in q], f"  observed order, {label}"
+                    table += order_row(label, errors, ratios, exact=0.0, source=name)
         return Report(
             parameters=self.values | {"grids": refined(self.grid, self.refine), "ratio": self.ratio},
             quantities={name: [run["quantities"] for run in runs] for name, runs in series.items()},
@@ -172,7 +173,7 @@ class Shell(Benchmark[Series, None]):
             line = row(f"L2 error of p, {name}, N = {n}", q["p_L2"], source=f"largest {q['p_max']:.2e}")
         return [line, row("  spurious velocity", q["u_max"], source="exact 0", unit="cm/s")]
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
         from valvefsi.post.plots.immersed import Line, Panel, panels
 
         def panel(kind: str, key: str, label: str) -> Panel:
@@ -189,13 +190,13 @@ class Shell(Benchmark[Series, None]):
             ]
             return Panel(lines=lines, xlabel="cells N", ylabel=f"{kind}: {label}", log="xy")
 
-        shown = [
+        three = [
             panel("shell", "p_L2", "L2 error of p [dyn/cm$^2$]"),
             panel("shell", "u_max", "largest |u| [cm/s]"),
             panel("membrane", "u_max", "largest |u| [cm/s]"),
         ]
         caption = "exact: closed-form pressure, no flow"
-        panels(out / "shell.png", shown, title="Shell and membrane at rest", caption=caption)
+        panels(out / "shell.png", three, title="Shell and membrane at rest", caption=caption)
 
 
 def _by_series(records: Sequence[Record]) -> dict[str, list[Record]]:
@@ -203,19 +204,19 @@ def _by_series(records: Sequence[Record]) -> dict[str, list[Record]]:
     return {name: [record for record in records if record["series"] == name] for name in names}
 
 
-def _relax(model: fsi.Model, n: int, values: Values) -> fsi.State:
-    """Run from rest to the end."""
+def _at_rest(
+    n: int, values: Values, comm: MPI.Comm, body_in: Callable[[NavierStokes], Elastic]
+) -> tuple[MacGrid, fsi.State, Array, Array]:
+    """Run a body from rest to the end; return grid, state, and distance from the centre and pressure in the cells."""
+    grid = MacGrid([0, 0], [1, 1], [n, n], [False, False], comm)
+    fluid = NavierStokes(grid, Boundary(grid), rho=values["rho"], mu=values["mu"])
+    model = fsi.Model(grid=grid, fluid=fluid, bodies=(body_in(fluid),))
     steps = max(1, round(values["t_end"] * n / values["dt_per_h"]))
     dt = values["t_end"] / steps
     state = fsi.initial_state(model, dt)
     for _ in range(steps):
         state = fsi.step(model, state, dt)
-    return state
-
-
-def _box(n: int, values: Values, comm: MPI.Comm) -> tuple[MacGrid, NavierStokes]:
-    grid = MacGrid([0, 0], [1, 1], [n, n], [False, False], comm)
-    return grid, NavierStokes(grid, Boundary(grid), rho=values["rho"], mu=values["mu"])
+    return grid, state, *_in_cells(grid, state)
 
 
 def _in_cells(grid: MacGrid, state: fsi.State) -> tuple[Array, Array]:
@@ -240,10 +241,9 @@ def shell_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[st
     mesh = ring(comm, centre=CENTRE, radii=(radius, radius + wall), elements=counts)
     mesh = mesh.with_fibres(around=circumferential(mesh, through=CENTRE))
     solid = Structure(mesh, FibreTension(), nu_stab=None)
-    grid, fluid = _box(n, values, comm)
-    model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, couple(fluid, solid, numerics)),))
-    state = _relax(model, n, values)
-    r, p = _in_cells(grid, state)
+    grid, state, r, p = _at_rest(
+        n, values, comm, lambda fluid: Elastic(solid, couple(fluid, solid, numerics))
+    )
     error = error_norms(p - exact_pressure(r, radius, wall), comm)
     return {
         "p_L1": error.L1,
@@ -257,11 +257,10 @@ def shell_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[st
 def membrane_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[str, float]:
     """Return the pressure jump and the spurious velocity of the membrane on one grid (collective)."""
     n, radius = numerics.grid, values["radius"]
-    grid, fluid = _box(n, values, comm)
-    body: Any = ClosedMembrane(comm, radius, round(2 * math.pi * radius * n / numerics.ratio))
-    model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(body, Coupling(grid, numerics.kernel)),))
-    state = _relax(model, n, values)
-    r, p = _in_cells(grid, state)
+    membrane: Any = ClosedMembrane(comm, radius, round(2 * math.pi * radius * n / numerics.ratio))
+    grid, state, r, p = _at_rest(
+        n, values, comm, lambda fluid: Elastic(membrane, Coupling(fluid.grid, numerics.kernel))
+    )
     margin = 4.0 / n
     parts = [p[r < radius - margin], p[r > radius + margin]]
     inside, outside = (comm.allreduce(q.sum()) / comm.allreduce(q.size) for q in parts)

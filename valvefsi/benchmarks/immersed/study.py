@@ -7,19 +7,23 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public
-from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics
+from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, immersed_model
 from valvefsi.benchmarks.options import Values, option
-from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import History, attempt
+from valvefsi.benchmarks.results import Row, order_row, row
+from valvefsi.benchmarks.running import History, attempt, fixed_steps, late_mean, late_size
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.errors import CaseError
+from valvefsi.fluid.boundary import Boundary
+from valvefsi.grid import MacGrid
+from valvefsi.run.recording import Probe
 from valvefsi.run.simulation import Simulation
-from valvefsi.verification.convergence import observed_order, ratios_of
+from valvefsi.solid.structure import Structure
+from valvefsi.verification.convergence import ratios_of
 
 if TYPE_CHECKING:
     from valvefsi.post.plots.immersed import Line
@@ -44,23 +48,17 @@ class Incompressible:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Compared:
-    """A column of the history that is compared: its name, the key of its value in the end, label and unit."""
-
-    column: str
-    key: str
-    label: str
-    unit: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class GridStudy(Benchmark[Numerics, Incompressible]):
     """A grid study; it states its simulation, what is read off a history and the incompressible answer."""
 
     keeps = True
     title: ClassVar[str]
-    main: ClassVar[Compared]
-    change: ClassVar[Compared]
+    body: ClassVar[str]
+    """Name of the solid."""
+    probe: ClassVar[Probe]
+    """The node whose u_y is compared."""
+    measure: ClassVar[str] = "area"
+    """What the solid should keep: area or volume."""
     factors: ClassVar[tuple[float, ...]] = (1.0, 2.0, 4.0, 8.0)
     """The grids in multiples of the coarsest."""
 
@@ -79,13 +77,33 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         if self.refine > most:
             raise CaseError(f"expected at most {most} finer grids", key="--refine", value=self.refine)
 
+    @property
+    def key(self) -> str:
+        """Name of the displacement that is compared, also in the history."""
+        return f"u_y_{self.probe.name}_cm"
+
+    @property
+    def main(self) -> str:
+        """What is compared, in words."""
+        return f"u_y of the {self.probe.name.replace('_', ' ')}"
+
+    @property
+    def change(self) -> str:
+        """Column of the history with the change of area or volume [%]."""
+        return f"{self.body}_{self.measure}_change_percent"
+
     @abstractmethod
     def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
         """Return the simulation of one run (collective)."""
 
-    @abstractmethod
     def quantities(self, history: History) -> dict[str, float]:
         """Return what is compared, from the columns of a history."""
+        return {
+            self.key: late_mean(history, self.key),
+            "change_percent": late_size(history, self.change),
+            "J_min": float(history[f"{self.body}_J_min"].min()),
+            "J_max": float(history[f"{self.body}_J_max"].max()),
+        }
 
     @abstractmethod
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
@@ -118,8 +136,8 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         runs = self.runs()
         value, source = self.incompressible(runs[-1], comm)
         same = {run.grid: self.same_mesh(run, comm) for run in runs}
-        known = {grid: one for grid, one in same.items() if one is not None}
-        return Incompressible(value=value, source=source, same_mesh=known)
+        computed = {grid: one for grid, one in same.items() if one is not None}
+        return Incompressible(value=value, source=source, same_mesh=computed)
 
     def one(self, run: Numerics, job: Job) -> Record:
         simulation = self.simulation(run, job.folder, job.comm)
@@ -135,30 +153,34 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
             "cells": math.prod(simulation.model.grid.cells),
         }
 
-    def report(self, records: Sequence[Record], known: Incompressible) -> Report:
+    def report(self, records: Sequence[Record], reference: Incompressible) -> Report:
         series = [r for r in records if not r["failed"]]
-        orders = [line for kind in KINDS for line in self._orders(series, kind, known.value)]
-        main = self.main
-        further = [
-            row(f"{main.label}, elsewhere", value, source=source, unit=main.unit)
-            for value, source in self.elsewhere()
-        ]
-        lines = [line for record in records for line in self._lines(record, known)]
+        table = [line for record in records for line in self._lines(record, reference)]
+        for value, source in self.elsewhere():
+            table.append(row(f"{self.main}, elsewhere", value, source=source, unit="cm"))
+        for kind in KINDS:
+            table += self._orders([r for r in series if held(r) is kind], KINDS[kind], reference.value)
         return Report(
             parameters=self.values | {"refine": self.refine, "stabilised": self.stabilised},
             quantities={Numerics(**r["numerics"]).name: r["quantities"] for r in records},
-            reference={main.key: known.value, "source": known.source, "same_mesh": known.same_mesh},
+            reference={
+                self.key: reference.value,
+                "source": reference.source,
+                "same_mesh": reference.same_mesh,
+            },
             more={"runs": [public(r, "history") for r in records]},
-            table=lines + further + orders + self._gain(series),
+            table=table + self._gain(series),
         )
 
-    def _lines(self, record: Record, known: Incompressible) -> list[Row]:
-        main, change, label = self.main, self.change, _label(record)
+    def _lines(self, record: Record, reference: Incompressible) -> list[Row]:
+        name, q = f"{self.main}, {_label(record)}", record["quantities"]
         if record["failed"]:
-            return [row(f"{main.label}, {label}", "broke down", source=record["failed"][:70])]
-        q = record["quantities"]
-        lines = [row(f"{main.label}, {label}", q[main.key], known.value, known.source, unit=main.unit)]
-        names = {f"  {change.label}": change.key, "  the most during the run": "largest_change_percent"}
+            return [row(name, "broke down", source=record["failed"][:70])]
+        lines = [row(name, q[self.key], reference.value, reference.source, unit="cm")]
+        names = {
+            f"  {self.measure} change": "change_percent",
+            "  the most during the run": "largest_change_percent",
+        }
         lines += [
             row(name, q[key], 0.0, "incompressible", unit="%", relative=False)
             for name, key in names.items()
@@ -166,47 +188,72 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         ]
         return [*lines, row("  J, smallest ... largest", f"{q['J_min']:.2f} ... {q['J_max']:.2f}")]
 
-    def _orders(self, series: Sequence[Record], kind: bool, exact: float) -> list[Row]:
-        chosen = [r for r in series if held(r) is kind]
-        ratios, lines = ratios_of([r["numerics"]["grid"] for r in chosen]), []
-        for compared, limit in ((self.main, exact), (self.change, 0.0)):
-            order = observed_order([r["quantities"][compared.key] for r in chosen], ratios, exact=limit)
-            if order is not None:
-                name = f"observed order, {compared.label}, {KINDS[kind]}"
-                lines.append(row(name, order, source="last two grids"))
+    def _orders(self, series: Sequence[Record], kind: str, exact: float) -> list[Row]:
+        ratios, lines = ratios_of([r["numerics"]["grid"] for r in series]), []
+        for label, key, limit in (
+            (self.main, self.key, exact),
+            (f"{self.measure} change", "change_percent", 0.0),
+        ):
+            values, source = [r["quantities"][key] for r in series], "last two grids"
+            lines += order_row(f"observed order, {label}, {kind}", values, ratios, exact=limit, source=source)
         return lines
 
     def _gain(self, series: Sequence[Record]) -> list[Row]:
         """How many times smaller the change of volume is with the stabilisation, grid by grid."""
-        free = {r["numerics"]["grid"]: r["quantities"][self.change.key] for r in series if not held(r)}
-        kept = {r["numerics"]["grid"]: r["quantities"][self.change.key] for r in series if held(r)}
-        name = f"{self.change.label}, not stabilised / stabilised, N = {{}}"
+        free, kept = (
+            {r["numerics"]["grid"]: r["quantities"]["change_percent"] for r in series if held(r) is kind}
+            for kind in (False, True)
+        )
+        name = f"{self.measure} change, not stabilised / stabilised, N = {{}}"
         return [row(name.format(n), abs(free[n] / kept[n])) for n in kept if n in free]
 
-    def draw(self, records: Sequence[Record], known: Incompressible, out: Path) -> None:
+    def draw(self, records: Sequence[Record], reference: Incompressible, out: Path) -> None:
         from valvefsi.post.plots.immersed import Line, Panel, panels
 
-        main, change = self.main, self.change
-        same = {"reference": known.value, "reference_label": "incompressible statics"}
-        time = _over_time(records, main.column), _over_time(records, change.column, labels=False)
-        name = f"{main.label} [{main.unit}]"
+        name, change = f"{self.main} [cm]", f"{self.measure} change"
+        same = {"reference": reference.value, "reference_label": "incompressible statics", "ylabel": name}
+        time = _over_time(records, self.key), _over_time(records, self.change, labels=False)
         shown = [
-            Panel(lines=time[0], xlabel="t [s]", ylabel=name, **same),  # type: ignore[arg-type]
-            Panel(lines=time[1], xlabel="t [s]", ylabel=f"{change.label} [%]", reference=0.0),
+            Panel(lines=time[0], xlabel="t [s]", **same),  # type: ignore[arg-type]
+            Panel(lines=time[1], xlabel="t [s]", ylabel=f"{change} [%]", reference=0.0),
         ]
         if self.refine:
-            grids = [_over_grids(records, compared.key) for compared in (main, change)]
-            if known.same_mesh:
-                x, y = list(known.same_mesh), list(known.same_mesh.values())
-                grids[0].append(Line(label="mixed elements, same mesh", x=x, y=y, colour=2, style="^:"))
-            size = f"size of the {change.label} at the end [%]"
+            main, size = (_over_grids(records, key) for key in (self.key, "change_percent"))
+            if reference.same_mesh:
+                x, y = list(reference.same_mesh), list(reference.same_mesh.values())
+                main.append(Line(label="mixed elements, same mesh", x=x, y=y, colour=2, style="^:"))
             shown += [
-                Panel(lines=grids[0], xlabel="cells N", ylabel=name, log="x", **same),  # type: ignore[arg-type]
-                Panel(lines=grids[1], xlabel="cells N", ylabel=size, log="xy"),
+                Panel(lines=main, xlabel="cells N", log="x", **same),  # type: ignore[arg-type]
+                Panel(lines=size, xlabel="cells N", ylabel=f"size of the {change} at the end [%]", log="xy"),
             ]
         n = records[0]["numerics"]
         caption = f"{n['kernel']}, {n['coupling']}, elements of {n['ratio']:g} h"
         panels(out / f"{self.name}.png", shown, title=self.title, caption=caption, columns=2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolidStudy(GridStudy):
+    """A grid study of a solid in a closed box; it states both."""
+
+    width: ClassVar[float]
+    """Edge of the box that the cells count along [cm]."""
+    rows: ClassVar[int] = 300
+    """Rows of the history that are wanted."""
+
+    @abstractmethod
+    def solid(self, numerics: Numerics, comm: MPI.Comm) -> Structure:
+        """Return the solid of one run (collective)."""
+
+    @abstractmethod
+    def box(self, cells: int, comm: MPI.Comm) -> MacGrid:
+        """Return the grid of the fluid with so many cells along its width (collective)."""
+
+    def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
+        grid, values = self.box(numerics.grid, comm), self.values
+        model = immersed_model(grid, Boundary(grid), self.solid(numerics, comm), numerics, values)
+        steps = round(values["t_end"] * numerics.grid / (values["dt_per_h"] * self.width))
+        more: dict[str, Any] = {"cfl_max": 0.5, "checkpoint_wall_s": 0.0, "probes": (self.probe,)}
+        return fixed_steps(model, folder, values["t_end"] / steps, steps, rows=self.rows, **more)
 
 
 def held(record: Record) -> bool:

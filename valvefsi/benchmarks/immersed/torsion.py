@@ -16,22 +16,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks.immersed.numerics import Numerics, immersed_model
-from valvefsi.benchmarks.immersed.study import Compared, GridStudy
+from valvefsi.benchmarks.immersed.numerics import Numerics
+from valvefsi.benchmarks.immersed.study import SolidStudy
 from valvefsi.benchmarks.options import option
-from valvefsi.benchmarks.running import History, late_mean, late_size
+from valvefsi.benchmarks.running import History
 from valvefsi.benchmarks.statics.torsion import computed
-from valvefsi.fluid.boundary import Boundary
 from valvefsi.geometry.shapes import box
 from valvefsi.grid import MacGrid
-from valvefsi.run.recording import Output, Probe
-from valvefsi.run.schedule import Schedule
-from valvefsi.run.simulation import Simulation
+from valvefsi.run.recording import Probe
 from valvefsi.solid import statics
 from valvefsi.solid.loads import Ramp, Tether
 from valvefsi.solid.materials import MooneyRivlin
@@ -50,8 +46,8 @@ PARAMETERS = {
     "dt_per_h": (1.8e-3, "s/cm"),
     "tether_stiffness": (1.0e7, "dyn/cm^3"),
 }
-WIDTH, HEIGHT, RAMP = 3.0, 9.0, 0.6
-"""Edges of the box [cm]; part of the run over which the top turns."""
+WIDTH, HEIGHT, MIDDLE, RAMP = 3.0, 9.0, (0.5, 3.0, 0.5), 0.6
+"""Edges of the box and its middle [cm]; part of the run over which the top turns."""
 TOP = (0.5, 6.0, 0.5)
 """Centre of the top [cm]."""
 STATIC = 2
@@ -59,32 +55,32 @@ STATIC = 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Torsion(GridStudy):
+class Torsion(SolidStudy):
     """The column on one or several grids; ``grid`` counts cells along the box's width."""
 
     name = "torsion"
     title = "Torsion of a column (E.2), immersed"
     parameters = PARAMETERS
-    main = Compared(
-        column="u_y_top_centre_cm", key="u_y_top_centre_cm", label="u_y of the top centre", unit="cm"
-    )
-    change = Compared(
-        column="column_volume_change_percent", key="change_percent", label="volume change", unit="%"
-    )
+    body, measure, width, rows = "column", "volume", WIDTH, 200
+    probe = Probe(name="top_centre", body=0, at=TOP)
     factors = (1.0, 1.5, 2.0, 3.0, 4.0)
 
     grid: int = option(12, "Cells along the box's width.", least=4)
 
-    def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
-        n, values = numerics.grid, self.values
-        h = WIDTH / n
-        across = max(2, 2 * round(0.5 / (numerics.ratio * h)))
+    @property
+    def material(self) -> MooneyRivlin:
+        """The material of the column."""
+        return MooneyRivlin(c1=self.values["c1"], c2=self.values["c2"])
+
+    def solid(self, numerics: Numerics, comm: MPI.Comm) -> Structure:
+        values = self.values
+        across = max(2, 2 * round(0.5 / (numerics.ratio * WIDTH / numerics.grid)))
         turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
         ramp = Ramp(duration=RAMP * values["t_end"], shape="smooth")
         stiffness, top = values["tether_stiffness"], ("x", "z")
-        solid = Structure(
+        return Structure(
             box(comm, size=(1.0, 6.0, 1.0), elements=(across, 6 * across, across)),
-            MooneyRivlin(c1=values["c1"], c2=values["c2"]),
+            self.material,
             name="column",
             nu_stab=numerics.nu_stab,
             damping=values["damping"],
@@ -93,37 +89,29 @@ class Torsion(GridStudy):
                 MovingTether(on=("y_upper",), components=top, stiffness=stiffness, motion=turn, ramp=ramp),
             ],
         )
-        lower = (0.5 - WIDTH / 2, 3.0 - HEIGHT / 2, 0.5 - WIDTH / 2)
-        upper = (0.5 + WIDTH / 2, 3.0 + HEIGHT / 2, 0.5 + WIDTH / 2)
-        grid = MacGrid(lower, upper, (n, 3 * n, n), (False,) * 3, comm)
-        model = immersed_model(grid, Boundary(grid), solid, numerics, values)
-        steps = round(values["t_end"] / (values["dt_per_h"] * h))
-        probe = Probe(name="top_centre", body=0, at=TOP)
-        output = Output(directory=folder, history_every=max(1, steps // 200), probes=(probe,))
-        return Simulation(model, Schedule(dt=values["t_end"] / steps, t_end=values["t_end"]), output)
+
+    def box(self, cells: int, comm: MPI.Comm) -> MacGrid:
+        size = (WIDTH, HEIGHT, WIDTH)
+        lower, upper = ([x + s * e / 2 for x, e in zip(MIDDLE, size, strict=True)] for s in (-1, 1))
+        return MacGrid(lower, upper, (cells, 3 * cells, cells), (False,) * 3, comm)
 
     def quantities(self, history: History) -> dict[str, float]:
-        return {
-            "u_y_top_centre_cm": late_mean(history, "u_y_top_centre_cm"),
-            "change_percent": late_size(history, "column_volume_change_percent"),
-            "largest_change_percent": float(np.abs(history["column_volume_change_percent"]).max()),
-            "J_min": float(history["column_J_min"].min()),
-            "J_max": float(history["column_J_max"].max()),
-        }
+        largest = float(np.abs(history[self.change]).max())
+        return super().quantities(history) | {"largest_change_percent": largest}
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-        known, values = computed(), self.values
+        table, values = computed(), self.values
         part = values["angle"] / (2.5 * math.pi)
-        nearest = min(known, key=lambda p: abs(p - part))
+        nearest = min(table, key=lambda p: abs(p - part))
         same = values["c1"] == values["c2"]  # only their ratio matters
         if same and abs(nearest - part) < 1e-6:
-            return known[nearest], "mixed Q2-Q1 elements, 4 x 24 x 4"
+            return table[nearest], "mixed Q2-Q1 elements, 4 x 24 x 4"
         mesh = box(comm, size=(1.0, 6.0, 1.0), elements=(STATIC, 6 * STATIC, STATIC))
         turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
         fixed = [
             statics.Fixed(on=("y_lower",)),
             statics.Fixed(on=("y_upper",), components=("x", "z"), value=turn),
         ]
-        solution = statics.solve(mesh, MooneyRivlin(c1=values["c1"], c2=values["c2"]), fixed=fixed)
+        solution = statics.solve(mesh, self.material, fixed=fixed)
         source = f"mixed Q2-Q1, {STATIC} x {6 * STATIC} x {STATIC}, this run"
         return float(solution.displacement_at(TOP)[1]), source

@@ -35,16 +35,24 @@ from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
 from valvefsi.benchmarks.immersed.turek_model import CENTRE, CLAMP, RADIUS, THICKNESS, TIP, build
-from valvefsi.benchmarks.options import Values, changed, option, read_parameters
+from valvefsi.benchmarks.options import Values, changed, option, read_parameters, require
 from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import History, Sights, attempt, gathered, plane_of
+from valvefsi.benchmarks.running import (
+    Columns,
+    History,
+    Sights,
+    Snapshot,
+    attempt,
+    fixed_steps,
+    gathered,
+    off_one,
+    outline_of,
+)
 from valvefsi.coupling.kernels import KERNELS
-from valvefsi.errors import CaseError
 from valvefsi.post import diagnostics
 from valvefsi.post.diagnostics.signals import oscillation, whole_periods
 from valvefsi.run.forces import ForceOutput
-from valvefsi.run.recording import Output, Probe
-from valvefsi.run.schedule import Schedule
+from valvefsi.run.recording import Probe
 from valvefsi.run.simulation import Simulation
 from valvefsi.types import Array
 
@@ -90,56 +98,29 @@ PARTS = ("mean", "amplitude", "frequency")
 def published(case: str) -> dict[str, tuple[float, float, float]]:
     """Return mean, amplitude and frequency of the displacement of A [mm] and the forces [N/m]; FSI1 is steady."""
     table = references.read("turek_hron2006")
-    return {
-        signal: (
-            table.value("mean", case=case, signal=signal),
-            table.value("amplitude", case=case, signal=signal),
-            table.value("frequency", case=case, signal=signal),
-        )
-        for signal in SIGNALS
-    }
+    rows = {signal: [table.value(part, case=case, signal=signal) for part in PARTS] for signal in SIGNALS}
+    return {signal: (mean, amplitude, frequency) for signal, (mean, amplitude, frequency) in rows.items()}
 
 
-@dataclass(frozen=True)
-class Snapshot:
-    """Vorticity in the cells ``(nx, ny)`` [1/s] between edges [cm], and the outline of the flag ``(n, 2)`` [cm]."""
+def watch(model: fsi.Model, sights: Sights) -> Columns:
+    """Return what sees the largest displacement of the clamp and the largest speed, and keeps vorticity and flag."""
+    flag: Any = model.bodies[0]
+    grid, solid = model.grid, flag.solid
 
-    t: float
-    edges: list[Array]
-    vorticity: Array
-    flag: Array
+    def look(state: fsi.State) -> tuple[Array, list[Array]]:
+        X, chi = (gathered(solid, grid.comm, x) for x in (solid.X, state.bodies[0]["chi"]))
+        free = np.flatnonzero(X[:, 0] > CLAMP - 1e-6)
+        around = free[outline_of(X[free, 0], X[free, 1] - CENTRE[1], 0.5 * THICKNESS, TIP)]
+        return diagnostics.vorticity(grid, state.u)[:, :, 0, 2], [chi[around, :2]]
 
-
-@dataclass
-class Watch:
-    """Sees how far the clamp moves, and keeps vorticity and flag at some steps for a picture.
-
-    Attributes:
-        model: The model of `build`.
-        sights: Snapshots.
-    """
-
-    model: fsi.Model
-    sights: Sights
-    columns = ("clamp_cm", "speed_cm_per_s")
-
-    def row(self, state: fsi.State) -> dict[str, float]:
-        """Return the largest displacement of the clamp and the largest speed (collective)."""
-        flag: Any = self.model.bodies[0]
+    def values(state: fsi.State) -> tuple[float, float]:
         root = flag.X[:, 0] < CLAMP + 1e-6
         moved = np.linalg.norm((state.bodies[0]["chi"] - flag.X)[root], axis=1).max(initial=0.0)
-        speed, _ = diagnostics.fastest_place(self.model.grid, state.u)
-        self.sights.take(state.step, lambda: self._snapshot(state))
-        clamp = self.model.grid.comm.allreduce(float(moved), op=MPI.MAX)
-        return {"clamp_cm": clamp, "speed_cm_per_s": float(speed)}
+        speed, _ = diagnostics.fastest_place(grid, state.u)
+        sights.take(state, grid, lambda: look(state))
+        return grid.comm.allreduce(float(moved), op=MPI.MAX), speed
 
-    def _snapshot(self, state: fsi.State) -> Snapshot:
-        flag: Any = self.model.bodies[0]
-        grid, solid = self.model.grid, flag.solid
-        own = diagnostics.vorticity(grid, state.u)[:, :, 0, 2]
-        X, chi = (gathered(solid, grid.comm, x) for x in (solid.X, state.bodies[0]["chi"]))
-        vorticity, edges = plane_of(grid, own)
-        return Snapshot(state.t, edges, vorticity, chi[_around(X), :2])
+    return Columns(("clamp_cm", "speed_cm_per_s"), values)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,11 +146,9 @@ class TurekFsi(Benchmark[int, None]):
 
     def check(self, values: Values) -> None:
         for key in ("nu", "nu_stab"):
-            if not values[key] < 0.5 + 1e-12 * (key == "nu"):
-                raise CaseError("expected at most 0.5", file="--set", key=key, value=values[key])
-        if values["rho_s"] < values["rho"]:
-            message = f"expected the fluid's density, {values['rho']:g} g/cm^3, or more"
-            raise CaseError(message, file="--set", key="rho_s", value=values["rho_s"])
+            require(values[key] < 0.5 + 1e-12 * (key == "nu"), "expected at most 0.5", values, key)
+        message = f"expected the fluid's density, {values['rho']:g} g/cm^3, or more"
+        require(values["rho_s"] >= values["rho"], message, values, "rho_s")
 
     @property
     def comparable(self) -> bool:
@@ -186,30 +165,33 @@ class TurekFsi(Benchmark[int, None]):
     def place(self, run: int, out: Path) -> Path:
         return out / f"N{run}"
 
-    def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Watch]:
+    def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Sights]:
         model, dt = build(cells, self.kernel, self.values, comm)
         period = PERIODS[self.case]
         steps, every = math.ceil(self.t_end / dt - 1e-6), max(1, round(period / SAMPLES / dt))
-        due = [max(1, steps - round(part * period / dt)) for part in (0.5, 0.25, 0.0)]
-        watch = Watch(model, Sights(due))
-        output = Output(
-            directory=folder,
+        sights = Sights([max(1, steps - round(part * period / dt)) for part in (0.5, 0.25, 0.0)])
+        simulation = fixed_steps(
+            model,
+            folder,
+            dt,
+            steps,
+            rows=steps,
             history_every=every,
             checkpoint_every=SAVED * every,
+            checkpoint_wall_s=0.0,
             probes=(Probe(name="tip", body=0, at=(TIP, CENTRE[1])),),
             forces=(ForceOutput(name="bodies", bodies=(0, 1)),),
-            observers=(watch,),
+            observers=(watch(model, sights),),
             provenance=self.values | {"case": self.case, "cells": cells, "kernel": self.kernel},
         )
-        return Simulation(model, Schedule(dt=dt, t_end=steps * dt, cfl_max=math.inf), output), watch
+        return simulation, sights
 
     def one(self, run: int, job: Job) -> Record:
-        simulation, watch = self.simulation(run, job.folder, job.comm)
+        simulation, sights = self.simulation(run, job.folder, job.comm)
         done = attempt(simulation, job)
         if job.comm.rank == 0:
-            self._pictures(run, job.folder, done.history, watch.sights.kept)
+            self._pictures(run, job.folder, done.history, sights.kept)
         model, h = simulation.model, done.history
-        J_off = np.maximum(1.0 - h["flag_J_min"], h["flag_J_max"] - 1.0)
         return {
             "cells": run,
             "grid": list(model.grid.cells[:2]),
@@ -221,23 +203,22 @@ class TurekFsi(Benchmark[int, None]):
             "failed": done.failed,
             "quantities": {k: dict(zip(PARTS, q, strict=True)) for k, q in numbers(h).items()},
             "clamp_mm": 10.0 * float(h["clamp_cm"].max()),
-            "J_off": float(J_off.max()),
+            "J_off": off_one(h, "flag"),
         }
 
     def _pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[Snapshot]) -> None:
         from valvefsi.post.plots.turek import histories, vorticity
 
         name = f"{self.case.upper()}, {cells} cells across the flag, {self.kernel}"
-        known = published(self.case) if self.comparable else {}
-        shown = {key: factor * h[column][1:] for key, (column, factor) in SIGNALS.items()}
-        if len(h["t_s"]) > 1:
-            histories(folder / "history.png", h["t_s"][1:], shown, known, title=name)
+        expected, t = published(self.case) if self.comparable else {}, h["t_s"][1:]
+        signals = {key: factor * h[column][1:] for key, (column, factor) in SIGNALS.items()}
+        if len(t):
+            histories(folder / "history.png", t, signals, expected, title=name)
         if snapshots:
-            scale = 4.0 * self.values["U"] / RADIUS
-            pictures, body = [vars(s) for s in snapshots], (*CENTRE, RADIUS)
-            vorticity(folder / "vorticity.png", pictures, body, scale=scale, title=name)
+            scale, body = 4.0 * self.values["U"] / RADIUS, (*CENTRE, RADIUS)
+            vorticity(folder / "vorticity.png", [vars(s) for s in snapshots], body, scale=scale, title=name)
 
-    def report(self, records: Sequence[Record], known: None) -> Report:
+    def report(self, records: Sequence[Record], reference: None) -> Report:
         chosen = {"case": self.case, "t_end": self.t_end, "kernel": self.kernel}
         return Report(
             parameters=self.values | chosen,
@@ -254,17 +235,16 @@ class TurekFsi(Benchmark[int, None]):
                 # a steady case has neither amplitude nor frequency
                 reference = value if self.comparable and abs(value) > 0.0 else None
                 name = f"{label}, {what}, {r['cells']} cells" if what == "mean" else f"  {what}"
-                lines.append(
-                    row(
-                        name,
-                        r["quantities"][key][what],
-                        reference,
-                        SOURCE if reference is not None else "",
-                        unit="1/s" if what == "frequency" else unit,
-                        relative=what != "mean"
-                        or key == "drag",  # no per cent of a mean that is next to nothing
-                    )
+                line = row(
+                    name,
+                    r["quantities"][key][what],
+                    reference,
+                    SOURCE if reference is not None else "",
+                    unit="1/s" if what == "frequency" else unit,
+                    relative=what != "mean"
+                    or key == "drag",  # a mean that is next to nothing has no per cent
                 )
+                lines.append(line)
         cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
         return [
             *lines,
@@ -279,21 +259,9 @@ def numbers(h: History) -> dict[str, tuple[float, float, float]]:
 
     The first row has no forces: they are means since the row before.
     """
-    late = {name: column[1:] for name, column in h.items()}
-    t = late["t_s"]
+    t = h["t_s"][1:]
     if len(t) < 1:
         return dict.fromkeys(SIGNALS, (math.nan,) * 3)
-    periods = whole_periods(t, late["u_y_tip_cm"])
-    return {key: oscillation(t, factor * late[column], periods) for key, (column, factor) in SIGNALS.items()}
-
-
-def _around(X: Array) -> Array:
-    """Numbers of the nodes on the flag's outline from the clamp round the tip and back."""
-    y, half = X[:, 1] - CENTRE[1], 0.5 * THICKNESS
-    low, high = (
-        np.flatnonzero((np.abs(y - s * half) < 1e-6) & (X[:, 0] > CLAMP - 1e-6)) for s in (-1.0, 1.0)
-    )
-    end = np.flatnonzero((np.abs(X[:, 0] - TIP) < 1e-6) & (np.abs(y) < half - 1e-6))
-    return np.concatenate(
-        [low[np.argsort(X[low, 0])], end[np.argsort(y[end])], high[np.argsort(-X[high, 0])]]
-    )
+    periods = whole_periods(t, h["u_y_tip_cm"][1:])
+    signals = {key: factor * h[column][1:] for key, (column, factor) in SIGNALS.items()}
+    return {key: oscillation(t, signal, periods) for key, signal in signals.items()}

@@ -33,12 +33,12 @@ class Table:
     method: str
     rows: tuple[Mapping[str, str], ...]
 
-    def column(self, name: str, **where: object) -> NDArray[np.float64]:
+    def column(self, name: str, **where: str | float) -> NDArray[np.float64]:
         """Return the numbers of a column in the rows whose other columns read as asked, ``(n,)``."""
         rows = [row for row in self.rows if all(row[key] == str(value) for key, value in where.items())]
         return np.array([float(row[name]) for row in rows])
 
-    def value(self, name: str, **where: object) -> float:
+    def value(self, name: str, **where: str | float) -> float:
         """Return the only number of a column in the rows whose other columns read as asked."""
         (number,) = self.column(name, **where)
         return float(number)
@@ -46,14 +46,14 @@ class Table:
 
 def header(text: str) -> dict[str, str]:
     """Return the lines ``# key: value`` above the first line of data; empty ones count as missing."""
-    found: dict[str, str] = {}
+    entries: dict[str, str] = {}
     for line in text.splitlines():
         if not line.startswith("#"):
             break
         key, _, value = line[1:].partition(":")
         if value.strip():
-            found[key.strip()] = value.strip()
-    return found
+            entries[key.strip()] = value.strip()
+    return entries
 
 
 @cache
@@ -61,5 +61,5 @@ def read(name: str) -> Table:
     """Return the table of the file ``name.csv`` in this folder."""
     text = (FOLDER / f"{name}.csv").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
-    known = header(text)
-    return Table(**{key: known[key] for key in KEYS}, rows=tuple(csv.DictReader(lines)))
+    entries = header(text)
+    return Table(**{key: entries[key] for key in KEYS}, rows=tuple(csv.DictReader(lines)))

@@ -76,8 +76,8 @@ class Beam(Static):
         return answer_of(solution, material, {"z_tip_mm": 10 * z}, fibres=body.fibres, fibre="fibre")
 
     def compared_with(self) -> References:
-        known = {"z_tip_mm": [Reference(band=beam_band(), source="Land 2015, second-hand")]}
-        return known if self.published() else {}
+        compared = {"z_tip_mm": [Reference(band=beam_band(), source="Land 2015, second-hand")]}
+        return compared if self.published() else {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,8 +105,8 @@ class Inflation(Static):
         solution = statics.solve(body, material, fixed=[base], loads=[load], options=options)
         apex = np.array([(0.0, 0.0, -LONG[0]), (0.0, 0.0, -LONG[1])])
         moved = zip(apex, solution.displacement_at(apex), strict=True)
-        found = dict(zip(APEX, (10 * (point[2] + float(u[2])) for point, u in moved), strict=True))
-        return answer_of(solution, material, found, fibres=body.fibres, fibre="fibre")
+        heights = dict(zip(APEX, (10 * (point[2] + float(u[2])) for point, u in moved), strict=True))
+        return answer_of(solution, material, heights, fibres=body.fibres, fibre="fibre")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import abstractmethod
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -12,7 +14,7 @@ from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Joined, Record, Report, Result, public
 from valvefsi.benchmarks.options import Values, option
-from valvefsi.benchmarks.results import Reference, Row, compared, row
+from valvefsi.benchmarks.results import Reference, Row, compared, order_row, row
 from valvefsi.case.overrides import nearest
 from valvefsi.errors import CaseError
 from valvefsi.io.solid_body import Body, write_body
@@ -60,9 +62,59 @@ def answer_of(
     gathered, body = stress_of_solution(solution, material, **fibres).gather(), None
     if gathered is not None:
         points, cells, fields, reference = gathered
-        shown = LABELS["von_mises"]
-        body = Body(points=points, cells=cells, values=fields, reference=reference, shown=shown)
+        body = Body(points=points, cells=cells, values=fields, reference=reference, shown=LABELS["von_mises"])
     return Answer(values=values, unknowns=unknowns, body=body)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Series:
+    """One quantity on the meshes of one kind of cell.
+
+    Attributes:
+        name: Name of the quantity.
+        label: Its name in words.
+        unit: Its unit, empty where nothing is said of it.
+        cell: Kind of cell.
+        records: Of its meshes, the coarsest first.
+        references: What it is compared with.
+    """
+
+    name: str
+    label: str
+    unit: str
+    cell: str
+    records: Sequence[Record]
+    references: Sequence[Reference]
+
+    @property
+    def values(self) -> list[float]:
+        """The values."""
+        return [record["values"][self.name] for record in self.records]
+
+    @property
+    def exact(self) -> float | None:
+        """The reference that errors are taken against."""
+        return next((reference.value for reference in self.references if reference.exact), None)
+
+    def numbers(self) -> dict[str, float | None]:
+        """Return the finest value, the order and the extrapolation."""
+        values, name = self.values, self.name
+        order, limit = observed_order(values, exact=self.exact), extrapolated(values)
+        return {name: values[-1], f"{name}_order": order, f"{name}_extrapolated": limit}
+
+    def rows(self) -> list[Row]:
+        """Return the lines that compare, the observed order and the extrapolation."""
+        first, *more = self.references or [Reference()]
+        names = [f"{self.label} ({self.cell}, {record['elements']})" for record in self.records]
+        lines = [compared(name, v, first, self.unit) for name, v in zip(names, self.values, strict=True)]
+        lines += [compared("", self.values[-1], reference, self.unit) for reference in more]
+        exact, limit, name = self.exact, extrapolated(self.values), f"observed order, {self.cell}"
+        source = "from errors" if exact is not None else "from successive differences"
+        lines += order_row(name, self.values, exact=exact, source=source)
+        if limit is not None and exact is None:
+            name = f"{self.label}, extrapolated, {self.cell}"
+            lines.append(row(name, limit, source="Richardson", unit=self.unit))
+        return lines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +138,7 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
     units: ClassVar[Mapping[str, tuple[str, str]]] = {}
     """Unit and label of each quantity."""
 
-    iterative: bool = field(default=False)
+    iterative: bool = option(False, "FGMRES with multigrid instead of a factorisation, for large meshes.")
 
     @abstractmethod
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
@@ -127,68 +179,51 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
         mesh = {"cell": run.cell, "elements": run.elements, "unknowns": answer.unknowns}
         return mesh | {"values": dict(answer.values), "_body": answer.body}
 
-    def report(self, records: Sequence[Record], known: References) -> Report:
+    def series(self, records: Sequence[Record], reference: References) -> list[Series]:
+        """Return every quantity on every kind of cell."""
+        return [
+            Series(
+                name=name,
+                label=self.units.get(name, ("", name))[1],
+                unit=self.units.get(name, ("", name))[0],
+                cell=cell,
+                records=[record for record in records if record["cell"] == cell],
+                references=reference.get(name, ()),
+            )
+            for name in records[0]["values"]
+            for cell in _finest(records)
+        ]
+
+    def report(self, records: Sequence[Record], reference: References) -> Report:
+        series, quantities = self.series(records, reference), defaultdict[str, dict[str, float | None]](dict)
+        for one in series:
+            quantities[one.cell] |= one.numbers()
         chosen = {"cell": self.cell, "elements": self.elements or self.coarsest, "refine": self.refine}
         return Report(
             parameters=chosen | {"iterative": self.iterative} | self.values,
-            quantities={cell: self._quantities(records, cell, known) for cell in _kinds(records)},
-            reference={name: [vars(r) for r in refs] for name, refs in known.items()},
+            quantities=quantities,
+            reference={name: [vars(r) for r in refs] for name, refs in reference.items()},
             more={"levels": [public(record) for record in records]},
-            table=[*self._table(records, known), *_cost(records)],
+            table=[*(line for one in series for line in one.rows()), *_cost(records)],
         )
 
-    def _quantities(self, records: Sequence[Record], cell: str, known: References) -> dict[str, float | None]:
-        """Return the finest values of a kind of cell, their order and their extrapolation."""
-        found: dict[str, float | None] = {}
-        for name in records[0]["values"]:
-            values = _series(records, cell, name)
-            found[name] = values[-1]
-            found[f"{name}_order"] = observed_order(values, exact=_exact(known, name))
-            found[f"{name}_extrapolated"] = extrapolated(values)
-        return found
-
-    def _table(self, records: Sequence[Record], known: References) -> list[Row]:
-        lines = []
-        for name in records[0]["values"]:
-            unit, label = self.units.get(name, ("", name))
-            first, *more = known.get(name) or [Reference()]
-            for cell in _kinds(records):
-                for record in (record for record in records if record["cell"] == cell):
-                    value = record["values"][name]
-                    lines.append(compared(f"{label} ({cell}, {record['elements']})", value, first, unit))
-                lines += [compared("", value, reference, unit) for reference in more]
-                lines += self._orders(records, cell, name, _exact(known, name))
-        return lines
-
-    def _orders(self, records: Sequence[Record], cell: str, name: str, exact: float | None) -> list[Row]:
-        unit, label = self.units.get(name, ("", name))
-        values, lines = _series(records, cell, name), []
-        order, limit = observed_order(values, exact=exact), extrapolated(values)
-        if order is not None:
-            source = "from errors" if exact is not None else "from successive differences"
-            lines.append(row(f"observed order, {cell}", order, source=source))
-        if limit is not None and exact is None:
-            lines.append(row(f"{label}, extrapolated, {cell}", limit, source="Richardson", unit=unit))
-        return lines
-
-    def draw(self, records: Sequence[Record], known: References, out: Path) -> None:
+    def draw(self, records: Sequence[Record], reference: References, out: Path) -> None:
         for cell, finest in _finest(records).items():
             if finest.get("_body") is not None:
                 caption = f"{cell}, {finest['unknowns']:,} unknowns"
                 deformed(out / f"deformed_{cell}.png", finest["_body"], title=self.title, caption=caption)
                 write_body(out / f"solid_{cell}.vtu", finest["_body"])
         if self.refine:
-            panels = [self._panel(records, name, known) for name in records[0]["values"]]
+            panels = []
+            for name, parts in itertools.groupby(self.series(records, reference), lambda one: one.name):
+                first, *more = parts
+                lines = {
+                    one.cell: ([r["unknowns"] for r in one.records], one.values) for one in (first, *more)
+                }
+                label = f"{first.label} [{first.unit or '-'}]"
+                compared_with = [(r.value, r.band, r.source) for r in reference.get(name, ())]
+                panels.append(Convergence(label=label, lines=lines, known=compared_with))
             convergence(out / "convergence.png", panels, title=self.title)
-
-    def _panel(self, records: Sequence[Record], name: str, known: References) -> Convergence:
-        unit, label = self.units.get(name, ("", name))
-        lines = {
-            cell: ([r["unknowns"] for r in records if r["cell"] == cell], _series(records, cell, name))
-            for cell in _kinds(records)
-        }
-        shown = [(r.value, r.band, r.source) for r in known.get(name, ())]
-        return Convergence(label=f"{label} [{unit or '-'}]", lines=lines, known=shown)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,20 +260,8 @@ class StaticParts(MeshOptions, Joined):
         return self.parts
 
 
-def _series(records: Sequence[Record], cell: str, name: str) -> list[float]:
-    return [record["values"][name] for record in records if record["cell"] == cell]
-
-
-def _kinds(records: Sequence[Record]) -> list[str]:
-    return list(dict.fromkeys(record["cell"] for record in records))
-
-
 def _finest(records: Sequence[Record]) -> dict[str, Record]:
     return {record["cell"]: record for record in records}
-
-
-def _exact(known: References, name: str) -> float | None:
-    return next((r.value for r in known.get(name, ()) if r.exact), None)
 
 
 def _cost(records: Sequence[Record]) -> list[Row]:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from mpi4py import MPI
 
 from valvefsi.benchmarks import references
-from valvefsi.benchmarks.options import option
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, answer_of
 from valvefsi.geometry.shapes import box
@@ -48,8 +47,6 @@ class StaticTorsion(Static):
     coarsest = 2
     units = {name: ("cm", f"u_y, {part:g} of angle") for name, part in zip(NAMES, FRACTIONS, strict=True)}
 
-    iterative: bool = option(False, "FGMRES with multigrid instead of a factorisation, for large meshes.")
-
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
         width, height, n = self.values["width"], self.values["height"], mesh.elements
         along = max(1, round(n * height / width))
@@ -58,16 +55,16 @@ class StaticTorsion(Static):
         axis, through = (0.0, 1.0, 0.0), (width / 2, 0.0, width / 2)
         turn = statics.rotation(self.values["angle"], axis=axis, through=through)
         top = statics.Fixed(on=("y_upper",), components=("x", "z"), value=turn)
-        found: dict[str, float] = {}
+        rises: dict[str, float] = {}
 
         def keep(part: float, solution: statics.StaticSolution) -> None:
             rise = solution.displacement_at((width / 2, height, width / 2))[1]
-            found[NAMES[FRACTIONS.index(part)]] = float(rise)
+            rises[NAMES[FRACTIONS.index(part)]] = float(rise)
 
         options = replace(self.solver, stops=FRACTIONS)
         supports = [statics.Fixed(on=("y_lower",)), top]
         solution = statics.solve(body, material, fixed=supports, options=options, on_stop=keep)
-        return answer_of(solution, material, found)
+        return answer_of(solution, material, rises)
 
     def compared_with(self) -> References:
         source = "mixed Q2-Q1 elements, 4 x 24 x 4, another script"

@@ -8,7 +8,7 @@ with h = 1 mm the largest stable step of the coupled scheme is measured, at rest
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
 from valvefsi.benchmarks.options import Values, option
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.statics.bending import Strip
+from valvefsi.benchmarks.statics.bending import Counts, Strip
 from valvefsi.benchmarks.statics.bending import material_of as strip_material
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.transfer import Coupling
@@ -37,6 +37,7 @@ from valvefsi.solid.structure import Discretisation, Structure
 
 if TYPE_CHECKING:
     from valvefsi.geometry.mesh import SolidMesh
+    from valvefsi.solid.materials import Material
     from valvefsi.solid.statics.formulations import Formulation
 
 EDGE = 1.0
@@ -48,23 +49,6 @@ PRESSURE = 133322.4
 """100 mmHg [dyn/cm^2]."""
 STEP = 1e-4
 """Step at which the fluid's viscosity is taken for the stable one [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Patch:
-    """What bears the pressure.
-
-    Attributes:
-        thickness: Thickness [cm].
-        elements: Elements along each side.
-        layers: Elements through the thickness.
-        material: Name of a preset, its fibres along x.
-    """
-
-    thickness: float = 0.04
-    elements: int = 10
-    layers: int = 1
-    material: str = "bovine_pericardium_lee_sacks"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,18 +64,18 @@ class BulkModulus(Benchmark[float, float]):
     kappas: str = option("1e6,4e6,1e7,4e7,1e8", "Bulk moduli [dyn/cm^2].", metavar="K,K")
 
     @property
-    def patch(self) -> Patch:
-        """What bears the pressure."""
-        return Patch(
-            thickness=0.1 * self.thickness,
-            elements=self.elements,
-            layers=self.layers,
-            material=self.material,
-        )
+    def thickness_cm(self) -> float:
+        """Thickness of the patch [cm]."""
+        return 0.1 * self.thickness
+
+    @property
+    def counts(self) -> Counts:
+        """Elements along both sides and through the thickness."""
+        return self.elements, self.elements, self.layers
 
     def check(self, values: Values) -> None:
         """Refuse what is no patch."""
-        Strip(thickness=0.1 * self.thickness, material=self.material)
+        Strip(thickness=self.thickness_cm, material=self.material)
         self.runs()
 
     def runs(self) -> list[float]:
@@ -106,7 +90,7 @@ class BulkModulus(Benchmark[float, float]):
 
     def references(self, comm: MPI.Comm) -> float:
         """Return the deflection of the incompressible patch [cm] (collective)."""
-        return float(_solve(self.patch, (8, 8, 1), TaylorHood(), comm).displacement_at(_middle())[2])
+        return self._deflection(self.solve((8, 8, 1), TaylorHood(), comm))
 
     def label(self, run: float) -> str:
         """Return the bulk modulus."""
@@ -114,92 +98,90 @@ class BulkModulus(Benchmark[float, float]):
 
     def one(self, run: float, job: Job) -> Record:
         """Return volume, shape and stable step."""
-        patch, comm = self.patch, job.comm
-        counts = (patch.elements, patch.elements, patch.layers)
-        solution = _solve(patch, counts, SolidShell(kappa=run), comm)
-        rest, loaded = _stable_steps(patch, run, counts, solution, comm)
+        solution = self.solve(self.counts, SolidShell(kappa=run), job.comm)
+        rest, loaded = self.stable_steps(run, solution, job.comm)
         return {
             "kappa": run,
-            "kappa_over_mu": run / strip_material(Strip(material=patch.material)).shear_modulus,
+            "kappa_over_mu": run / self.mechanics.shear_modulus,
             "volume_change_percent": 100 * (solution.volume_ratio() - 1),
-            "deflection_cm": float(solution.displacement_at(_middle())[2]),
+            "deflection_cm": self._deflection(solution),
             "stable_step_us": 1e6 * rest,
             "stable_step_loaded_us": 1e6 * loaded,
         }
 
-    def report(self, records: Sequence[Record], known: float) -> Report:
+    @property
+    def mechanics(self) -> Material:
+        """The material of the patch."""
+        return strip_material(Strip(material=self.material))
+
+    def mesh(self, counts: Counts, comm: MPI.Comm) -> SolidMesh:
+        """Return the patch in so many elements (collective)."""
+        lower, size = (0.0, 0.0, -self.thickness_cm / 2), (EDGE, EDGE, self.thickness_cm)
+        mesh = box(comm, lower=lower, size=size, elements=counts)
+        return mesh.with_fibres(fibre=fibres.constant(mesh, (1.0, 0.0, 0.0)))
+
+    def solve(
+        self, counts: Counts, formulation: Formulation | SolidShell, comm: MPI.Comm
+    ) -> statics.StaticSolution:
+        """Return the equilibrium under the pressure (collective)."""
+        return statics.solve(
+            self.mesh(counts, comm),
+            self.mechanics,
+            fixed=[Fixed(on=SIDES)],
+            loads=[Pressure(on=("z_lower",), value=PRESSURE)],
+            formulation=formulation,
+            options=statics.SolverOptions(first_increment=0.02, smallest_increment=1e-5, quadrature_degree=5),
+        )
+
+    def _deflection(self, solution: statics.StaticSolution) -> float:
+        return float(solution.displacement_at((EDGE / 2, EDGE / 2, 0.0))[2])
+
+    def stable_steps(
+        self, kappa: float, solution: statics.StaticSolution, comm: MPI.Comm
+    ) -> tuple[float, float]:
+        """Return the largest stable step at rest and at the equilibrium [s] (collective)."""
+        h = 0.1
+        lower = (EDGE / 2 - CELLS * h / 2,) * 2 + (-CELLS * h / 2,)
+        grid = MacGrid(lower, tuple(x + CELLS * h for x in lower), (CELLS,) * 3, (False,) * 3, comm)
+        shell = Discretisation(element="solid_shell", kappa=kappa)
+        solid = Structure(self.mesh(self.counts, comm), self.mechanics, discretisation=shell)
+        fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=0.035)
+        model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, Coupling(grid, "bspline3")),))
+        u = solution.displacement.x.array.reshape(-1, 3)[: len(solid.X)]
+        loaded = replace(fsi.initial_state(model, STEP), bodies=({"chi": solid.X + u},))
+        return measured_limit(model, STEP, 0), measured_limit(model, STEP, 0, at=loaded)
+
+    def report(self, records: Sequence[Record], reference: float) -> Report:
         """Return the numbers by bulk modulus."""
         quantities, table = {}, []
         for r in records:
             name = f"kappa {r['kappa']:.3g}"
-            quantities[name] = {**r, "deflection_error_percent": 100 * (r["deflection_cm"] / known - 1)}
+            quantities[name] = {**r, "deflection_error_percent": 100 * (r["deflection_cm"] / reference - 1)}
             table += [
-                row(f"{name}: deflection", r["deflection_cm"], known, "mixed Q2-Q1, 8 x 8 x 1", unit="cm"),
+                row(
+                    f"{name}: deflection", r["deflection_cm"], reference, "mixed Q2-Q1, 8 x 8 x 1", unit="cm"
+                ),
                 row(f"{name}: change of volume", r["volume_change_percent"], unit="%"),
                 row(f"{name}: stable step at rest", r["stable_step_us"], unit="us"),
                 row(f"{name}: stable step under load", r["stable_step_loaded_us"], unit="us"),
             ]
         return Report(
-            parameters=asdict(self.patch),
+            parameters={
+                "thickness": self.thickness_cm,
+                "elements": self.elements,
+                "layers": self.layers,
+                "material": self.material,
+            },
             quantities=quantities,
-            reference={"deflection_cm": known},
+            reference={"deflection_cm": reference},
             table=table,
         )
 
-    def draw(self, records: Sequence[Record], known: float, out: Path) -> None:
+    def draw(self, records: Sequence[Record], reference: float, out: Path) -> None:
         """Draw volume, shape and stable step over kappa."""
         from valvefsi.post.plots.bending import over_kappa
 
-        columns = {
-            key: np.array([r[key] for r in records])
-            for key in records[0]
-            if isinstance(records[0][key], float)
-        }
-        columns["deflection_error_percent"] = 100 * (columns["deflection_cm"] / known - 1)
+        keys = [key for key, value in records[0].items() if isinstance(value, float)]
+        columns = {key: np.array([r[key] for r in records]) for key in keys}
+        columns["deflection_error_percent"] = 100 * (columns["deflection_cm"] / reference - 1)
         over_kappa(out / "bulk_modulus.png", columns, title=f"Patch under 100 mmHg, {self.material}")
-
-
-def _middle() -> tuple[float, float, float]:
-    return EDGE / 2, EDGE / 2, 0.0
-
-
-def _mesh(patch: Patch, counts: tuple[int, int, int], comm: MPI.Comm) -> SolidMesh:
-    lower = (0.0, 0.0, -patch.thickness / 2)
-    mesh = box(comm, lower=lower, size=(EDGE, EDGE, patch.thickness), elements=counts)
-    return mesh.with_fibres(fibre=fibres.constant(mesh, (1.0, 0.0, 0.0)))
-
-
-def _solve(
-    patch: Patch, counts: tuple[int, int, int], formulation: Formulation | SolidShell, comm: MPI.Comm
-) -> statics.StaticSolution:
-    return statics.solve(
-        _mesh(patch, counts, comm),
-        strip_material(Strip(material=patch.material)),
-        fixed=[Fixed(on=SIDES)],
-        loads=[Pressure(on=("z_lower",), value=PRESSURE)],
-        formulation=formulation,
-        options=statics.SolverOptions(first_increment=0.02, smallest_increment=1e-5, quadrature_degree=5),
-    )
-
-
-def _stable_steps(
-    patch: Patch,
-    kappa: float,
-    counts: tuple[int, int, int],
-    solution: statics.StaticSolution,
-    comm: MPI.Comm,
-) -> tuple[float, float]:
-    """Return the largest stable step at rest and at the equilibrium [s] (collective)."""
-    h = 0.1
-    lower = (EDGE / 2 - CELLS * h / 2,) * 2 + (-CELLS * h / 2,)
-    grid = MacGrid(lower, tuple(x + CELLS * h for x in lower), (CELLS,) * 3, (False,) * 3, comm)
-    solid = Structure(
-        _mesh(patch, counts, comm),
-        strip_material(Strip(material=patch.material)),
-        discretisation=Discretisation(element="solid_shell", kappa=kappa),
-    )
-    fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=0.035)
-    model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, Coupling(grid, "bspline3")),))
-    u = solution.displacement.x.array.reshape(-1, 3)[: len(solid.X)]
-    loaded = replace(fsi.initial_state(model, STEP), bodies=({"chi": solid.X + u},))
-    return measured_limit(model, STEP, 0), measured_limit(model, STEP, 0, at=loaded)

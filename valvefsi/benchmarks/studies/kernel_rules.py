@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from valvefsi.benchmarks.frame import Record
 
@@ -53,12 +52,8 @@ class Rule:
         """The best ratio and the errors there, or why there is none."""
         if self.best is None:
             return self.why
-        shown = ", ".join(f"{problem} {error:.2g} %" for problem, error in self.errors.items())
-        return f"best {self.best:g}: {shown}"
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the rule as it goes into ``result.json``."""
-        return asdict(self)
+        errors = ", ".join(f"{problem} {error:.2g} %" for problem, error in self.errors.items())
+        return f"best {self.best:g}: {errors}"
 
 
 def sound(line: Record) -> bool:
@@ -83,17 +78,17 @@ def rules(
     best = _best(lines, floors)
     names = dict.fromkeys((line["kernel"], line["coupling"]) for line in lines)
     kinds = sorted({line["stabilised"] for line in lines if line["problem"] not in free}, reverse=True)
-    found = []
-    for kernel, coupling in names:
-        for kind in kinds or [False]:
-            chosen = [
-                line
-                for line in lines
-                if (line["kernel"], line["coupling"]) == (kernel, coupling)
-                and (line["stabilised"] == kind or line["problem"] in free)
-            ]
-            found.append(_rule(kernel, coupling, kind, chosen, (best, factor)))
-    return sorted(found, key=lambda rule: (rule.multiple is None, rule.multiple))
+
+    def meant(line: Record, kernel: str, coupling: str, kind: bool) -> bool:
+        same = (line["kernel"], line["coupling"]) == (kernel, coupling)
+        return same and (line["stabilised"] == kind or line["problem"] in free)
+
+    table = [
+        _rule(kernel, coupling, kind, [r for r in lines if meant(r, kernel, coupling, kind)], best, factor)
+        for kernel, coupling in names
+        for kind in kinds or [False]
+    ]
+    return sorted(table, key=lambda rule: (rule.multiple is None, rule.multiple))
 
 
 def _best(lines: Sequence[Record], floors: Mapping[str, float]) -> dict[str, float]:
@@ -109,16 +104,16 @@ def _rule(
     coupling: str,
     kind: bool,
     lines: Sequence[Record],
-    measure: tuple[Mapping[str, float], float],
+    best: Mapping[str, float],
+    factor: float,
 ) -> Rule:
-    best, factor = measure
     multiples, fits = {}, {line["problem"]: () for line in lines}
     for ratio in dict.fromkeys(line["ratio"] for line in lines):
         here = [line for line in lines if line["ratio"] == ratio]
-        found = {r["problem"]: abs(r["error_percent"]) / best[r["problem"]] for r in here if sound(r)}
-        if len(found) == len(here):
-            multiples[ratio] = max(found.values())
-        fits |= {name: (*fits[name], ratio) for name, multiple in found.items() if multiple <= factor}
+        errors = {r["problem"]: abs(r["error_percent"]) / best[r["problem"]] for r in here if sound(r)}
+        if len(errors) == len(here):
+            multiples[ratio] = max(errors.values())
+        fits |= {name: (*fits[name], ratio) for name, multiple in errors.items() if multiple <= factor}
     top = min(multiples, key=lambda ratio: multiples[ratio], default=None)
     here = [line for line in lines if line["ratio"] == top]
     return Rule(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 from collections import defaultdict
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from mpi4py import MPI
@@ -125,28 +125,28 @@ class Kernels(Benchmark[One, dict[str, float]]):
         record = run_halving(PROBLEMS[run.problem], run.numerics, self.values_of(run), job)
         return {"problem": run.problem, **record}
 
-    def report(self, records: Sequence[Record], known: dict[str, float]) -> Report:
-        lines, chosen = self.lines(records, known), [PROBLEMS[name] for name in self.problems]
+    def report(self, records: Sequence[Record], reference: dict[str, float]) -> Report:
+        lines, chosen = self.lines(records, reference), [PROBLEMS[name] for name in self.problems]
         floors = {problem.name: problem.floor for problem in chosen}
         free = [problem.name for problem in chosen if not problem.stabilised]
-        found = rules(lines, floors=floors, factor=self.factor, free=free)
+        table = rules(lines, floors=floors, factor=self.factor, free=free)
         numbers = {"nu_stab": self.nu_stab, "factor": self.factor, "ratios": list(self.ratios)}
         limits = {p.name: {"leak_percent": p.leak, "floor_percent": p.floor} for p in chosen}
         return Report(
             parameters=self.values | numbers,
-            reference=known,
-            more={"limits": limits, "runs": lines, "rules": [rule.as_dict() for rule in found]},
-            table=_table(found, lines, self.factor),
+            reference=reference,
+            more={"limits": limits, "runs": lines, "rules": [asdict(rule) for rule in table]},
+            table=_table(table, lines, self.factor),
         )
 
-    def lines(self, records: Sequence[Record], known: Mapping[str, float]) -> list[Record]:
+    def lines(self, records: Sequence[Record], reference: Mapping[str, float]) -> list[Record]:
         """Return which run each is, its measures, whether it leaks, and why it broke down."""
         lines = []
         for record in records:
             problem, numerics = PROBLEMS[record["problem"]], Numerics(**record["numerics"])
             measures: dict[str, float | None] = dict.fromkeys(KEYS)
             if not record["failed"]:
-                measures = problem.measures(record["quantities"], known[problem.name])
+                measures = problem.measures(record["quantities"], reference[problem.name])
             change = measures["change_percent"]
             lines.append(
                 {
@@ -166,8 +166,8 @@ class Kernels(Benchmark[One, dict[str, float]]):
             )
         return lines
 
-    def draw(self, records: Sequence[Record], known: dict[str, float], out: Path) -> None:
-        lines = self.lines(records, known)
+    def draw(self, records: Sequence[Record], reference: dict[str, float], out: Path) -> None:
+        lines = self.lines(records, reference)
         write_table(out / "kernels.csv", lines)
         _draw(self, lines, out / "kernels.png")
 
@@ -180,28 +180,29 @@ def write_table(path: Path, lines: Sequence[Record]) -> None:
         table.writerows(lines)
 
 
-def _table(found: Sequence[Rule], lines: Sequence[Record], factor: float) -> list[Row]:
+def _table(table: Sequence[Rule], lines: Sequence[Record], factor: float) -> list[Row]:
     """Return what is printed: the rule of each choice, then how many runs broke down or leaked."""
-    shown = [row("mesh over grid that fits", "", source=f"no leak, error within {factor:g} times the best")]
-    shown += [row(rule.name, rule.span or "none", source=rule.text) for rule in found]
-    for word, count in (
-        ("broke down", sum(line["failed"] is not None for line in lines)),
-        ("leak", sum(bool(line["leaks"]) for line in lines)),
-        ("sound", sum(sound(line) for line in lines)),
-    ):
-        shown.append(row(f"runs, {word}", count, source=f"of {len(lines)}"))
-    return shown
+    counts = {
+        "broke down": sum(line["failed"] is not None for line in lines),
+        "leak": sum(bool(line["leaks"]) for line in lines),
+        "sound": sum(sound(line) for line in lines),
+    }
+    return [
+        row("mesh over grid that fits", "", source=f"no leak, error within {factor:g} times the best"),
+        *(row(rule.name, rule.span or "none", source=rule.text) for rule in table),
+        *(row(f"runs, {word}", n, source=f"of {len(lines)}") for word, n in counts.items()),
+    ]
 
 
 def _draw(study: Kernels, lines: Sequence[Record], path: Path) -> None:
     from valvefsi.post.plots.kernel import HeatMap, heat_maps
 
-    found = {(r["problem"], r["stabilised"], r["coupling"], r["kernel"], r["ratio"]): r for r in lines}
+    by_choice = {(r["problem"], r["stabilised"], r["coupling"], r["kernel"], r["ratio"]): r for r in lines}
     columns = [(PROBLEMS[name], kind) for name in study.problems for kind in study.kinds(PROBLEMS[name])]
 
     def heat_map(problem: StudyProblem, kind: bool, coupling: str, key: str) -> HeatMap:
         cells = [
-            [found[problem.name, kind, coupling, kernel, ratio] for ratio in study.ratios]
+            [by_choice[problem.name, kind, coupling, kernel, ratio] for ratio in study.ratios]
             for kernel in study.kernels
         ]
         state = "" if not problem.stabilised else "stabilised: " if kind else "not stabilised: "

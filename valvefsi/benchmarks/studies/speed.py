@@ -83,11 +83,11 @@ class Speed(Benchmark[int, Yardsticks]):
     def one(self, run: int, job: Job) -> Record:
         return measure((run,) * self.dim, self.steps, self.values, job.comm)
 
-    def report(self, records: Sequence[Record], known: Yardsticks) -> Report:
-        elastic = dict(known.elastic)
+    def report(self, records: Sequence[Record], reference: Yardsticks) -> Report:
+        elastic = dict(reference.elastic)
         table = [_row(r, self.dim, self.values["advection"] == "xsppm7") for r in records]
         table.append(elastic.pop("row"))
-        model, rows = self._model(records, known)
+        model, rows = self._model(records, reference)
         return Report(
             parameters=self.values | {"sizes": list(self.sizes), "dim": self.dim, "steps": self.steps},
             quantities={r["N"]: {"pairs_per_step": r["pairs_per_step"]} for r in records},
@@ -95,9 +95,9 @@ class Speed(Benchmark[int, Yardsticks]):
             table=table + rows,
         )
 
-    def _model(self, records: Sequence[Record], known: Yardsticks) -> tuple[Record, list[Row]]:
+    def _model(self, records: Sequence[Record], reference: Yardsticks) -> tuple[Record, list[Row]]:
         """Compare the cost model with the grids measured, and predict."""
-        machine, network = known.machine, known.network
+        machine, network = reference.machine, reference.network
         if machine is None:
             return {}, []
         rows, ranks, advection = [], records[0]["ranks"], self.values["advection"]
@@ -121,7 +121,7 @@ class Speed(Benchmark[int, Yardsticks]):
             "predictions": lines,
         }, rows
 
-    def draw(self, records: Sequence[Record], known: Yardsticks, out: Path) -> None:
+    def draw(self, records: Sequence[Record], reference: Yardsticks, out: Path) -> None:
         from valvefsi.post.plots.base import phase_bars
 
         ranks = records[0]["ranks"]
@@ -192,9 +192,8 @@ def _traffic(n: int, dim: int, step: float, parameters: Values, comm: MPI.Comm) 
     """Bytes that a rank must move in a step of a cube, by the count of the cost model, and a triad's in this run."""
     if dim == 2:
         return {}
-    solves = 4 if parameters["viscous"] == "implicit" else 1
-    moved = cost_model.work(n, comm.size, solves=solves, advection=parameters["advection"]).bytes
-    triad = cost_model.triad_bandwidth(comm)
+    count = cost_model.work(n, comm.size, solves=solves_of(parameters), advection=parameters["advection"])
+    moved, triad = count.bytes, cost_model.triad_bandwidth(comm)
     return {
         "bytes_per_step": moved,
         "gigabytes_per_s": 1e-9 * moved / step,

@@ -92,8 +92,8 @@ def vorticity(
 
     Args:
         path: The picture.
-        snapshots: Of each time ``t`` [s], ``edges`` of the cells along both axes [cm], ``vorticity`` in the cells
-            ``(nx, ny)`` [1/s], and ``flag``, its outline ``(n, 2)`` [cm].
+        snapshots: Of each time ``t`` [s], ``edges`` of the cells along both axes [cm], vorticity in the cells as
+            ``field`` ``(nx, ny)`` [1/s], and ``outlines``, of the flag alone, ``(n, 2)`` [cm].
         body: Centre and radius of the cylinder [cm].
         scale: Vorticity at the ends of the colours [1/s].
         title: Heading.
@@ -106,10 +106,11 @@ def vorticity(
         figure = Figure(figsize=(8.2, height), dpi=140, facecolor="white")
         every = figure.subplots(len(snapshots), 1, sharex=True, squeeze=False)[:, 0]
         for axes, snapshot in zip(every, snapshots, strict=True):
-            edges, values = snapshot["edges"], np.asarray(snapshot["vorticity"])
+            edges, values = snapshot["edges"], np.asarray(snapshot["field"])
             shown = axes.pcolormesh(*edges, values.T, cmap="RdBu_r", vmin=-scale, vmax=scale, rasterized=True)
             axes.add_patch(Circle(body[:2], body[2], facecolor="#d5d7da", edgecolor=INK, linewidth=0.8))
-            axes.fill(*snapshot["flag"].T, facecolor="#e8b04a", edgecolor=INK, linewidth=0.8)
+            for outline in snapshot["outlines"]:
+                axes.fill(*outline.T, facecolor="#e8b04a", edgecolor=INK, linewidth=0.8)
             axes.set(xlim=SPAN, ylim=(edges[1][0], edges[1][-1]), aspect="equal", ylabel="y [cm]")
             axes.set_title(f"t = {snapshot['t']:.4g} s", loc="left", fontsize=9.5)
         every[-1].set_xlabel("x [cm]")

@@ -70,19 +70,19 @@ def in_the_flow(path: Path, snapshots: Sequence[Mapping[str, Any]], *, title: st
 
     Args:
         path: The picture.
-        snapshots: Of each time ``t`` [s], ``edges`` of the cells along both axes [cm], ``speed`` in the cells
-            ``(nx, ny)`` [cm/s], and ``outlines`` of the leaflets, ``(n, 2)`` each [cm].
+        snapshots: Of each time ``t`` [s], ``edges`` of the cells along both axes [cm], speed in the cells as
+            ``field`` ``(nx, ny)`` [cm/s], and ``outlines`` of the leaflets, ``(n, 2)`` each [cm].
         title: Heading.
 
     Returns:
         The path.
     """
-    top = max(float(np.max(s["speed"])) for s in snapshots)
+    top = max(float(np.max(s["field"])) for s in snapshots)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 0.6 + 2.65 * len(snapshots)), dpi=130, facecolor="white")
         every = figure.subplots(len(snapshots), 1, sharex=True, squeeze=False)[:, 0]
         for axes, snapshot in zip(every, snapshots, strict=True):
-            edges, speed = snapshot["edges"], snapshot["speed"]
+            edges, speed = snapshot["edges"], snapshot["field"]
             shown = axes.pcolormesh(*edges, speed.T, cmap="viridis", vmin=0.0, vmax=top, rasterized=True)
             for outline in snapshot["outlines"]:
                 axes.fill(*outline.T, facecolor="white", edgecolor="#a3212d", linewidth=0.8)
