@@ -12,6 +12,7 @@ import numpy as np
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.grid import Array
+from valvefsi.io.folder import replacing
 
 LABELS = {"drag": "mean drag", "lift": "amplitude of lift", "strouhal": "Strouhal number"}
 Band = tuple[float, float]
@@ -74,7 +75,8 @@ def draw_forces(out: Path, forces: Forces, reynolds: float, title: str) -> None:
 
     curves = (forces.t, forces.drag, forces.lift)
     columns = np.stack(curves, axis=1)[:: max(1, len(forces.t) // 5000)]
-    np.savetxt(out / "forces.csv", columns, delimiter=",", comments="", header="t,drag,lift")
+    with replacing(out / "forces.csv") as path:
+        np.savetxt(path, columns, delimiter=",", comments="", header="t,drag,lift")
     draw(
         out / "forces.png", curves, {key: band for key, (band, _) in published(reynolds).items()}, title=title
     )
