@@ -194,7 +194,7 @@ def list_checkpoints(directory: Path) -> list[Path]:
     return [path for _, path in sorted((int(match[1]), path) for match, path in found if match)]
 
 
-def newest_meta(directory: Path, comm: MPI.Comm) -> dict[str, object] | None:
+def newest_meta(directory: Path, comm: MPI.Comm) -> dict[str, Any] | None:
     """Return what the newest file with a readable header was given as meta, None where there is none (collective)."""
     meta = None
     if comm.rank == 0:

@@ -297,6 +297,9 @@ class _Index:
                 warnings.warn(
                     f"{self.path} was cut off; it goes on after {len(self.entries)} times", stacklevel=2
                 )
+        elif resume_time is not None and any(self.folder.glob(f"{self.folder.name}_*")):
+            lost = f"{self.path} is missing: without its times the frames in {self.folder.name} are lost"
+            warnings.warn(f"{lost}, the series begins anew", stacklevel=2)
         kept = {Path(file).stem for _, file in self.entries}
         for path in self.folder.iterdir():
             if path.name.startswith(f".{self.folder.name}_") and path.is_file():

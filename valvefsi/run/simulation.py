@@ -23,7 +23,7 @@ from valvefsi.post import diagnostics
 from valvefsi.run.checkpoints import load_state, memory_of, refuse_to_overwrite, save_state
 from valvefsi.run.disk import warn_of_disk
 from valvefsi.run.recording import Output, Recorder, box_of
-from valvefsi.run.schedule import AdaptiveSchedule, Schedule
+from valvefsi.run.schedule import AdaptiveSchedule, Schedule, check_end
 from valvefsi.run.stable_step import stable_step
 from valvefsi.runtime.clock import Timed
 from valvefsi.runtime.memory import keep_freed_memory
@@ -116,7 +116,9 @@ class Simulation:
             memory, before = self.memory, state if resume else None
             meters = (memory.forces, memory.energy)
             recorder = Recorder(self.model, self.output, memory.statistics, meters, before)
-            if not resume:
+            if resume:
+                recorder.reopen(state, finished=self.schedule.finished(state))
+            else:
                 self._record(recorder, None, state)
             started = time.perf_counter()
             with _signals() as received:
@@ -172,6 +174,7 @@ class Simulation:
         if state is None:
             folder = self.output.directory / "checkpoints"
             raise CaseError("there is no whole checkpoint to resume from", file=folder)
+        check_end(state.t, state.dt, self.schedule.t_end)
         return state
 
     def _march(
