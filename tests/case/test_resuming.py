@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.campaign.comparison import differences
 from valvefsi.case import case_defaults, load_case, parse_case, to_toml
 from valvefsi.case.build import build, plan_case, run_case
 from valvefsi.case.resuming import FREE, provenance_of
@@ -137,6 +138,13 @@ def test_the_end_and_the_rhythm_of_output_may_change(tmp_path, whole):
     ours, theirs = read_history(out / "history.csv"), read_history(whole / "history.csv")
     for name, values in theirs.items():
         np.testing.assert_allclose(ours[name], values, rtol=1e-11, atol=1e-13, err_msg=name)
+
+
+@pytest.mark.parametrize("step", [9, 20, 39])
+def test_every_file_of_a_resumed_run_is_that_of_the_uninterrupted_one(step, tmp_path, whole):
+    out = broken_off(tmp_path / "run", step)
+    run_case(case_with(), out=out, resume=True, comm=SELF)
+    assert differences(out, whole) == {}
 
 
 def test_changes_stay_known_over_several_resumes(tmp_path):
