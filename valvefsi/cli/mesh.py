@@ -40,21 +40,19 @@ def valve(
     from valvefsi.geometry.leaflets import TYPES
     from valvefsi.geometry.valve import mesh_valve, write_valve
     from valvefsi.geometry.valve_quality import quality
-    from valvefsi.io.folder import write_text
+    from valvefsi.io.folder import replacing, write_text
     from valvefsi.post.plots.valve import outer_faces
     from valvefsi.post.plots.valve import valve as draw
 
     if kind not in TYPES:
         raise CaseError(f"expected one of {', '.join(TYPES)}", key="--type", value=kind)
-    if out.suffix != ".msh" or not out.parent.is_dir():
-        raise CaseError(
-            "expected a name that ends in .msh, in a folder that exists", key="--out", value=str(out)
-        )
+    _check_name(out)
     geometry = TYPES[kind](diameter=_length("--diameter", diameter))
     lengths: dict[str, Any] = _lengths(overrides or [])
     geometry = replace(geometry, **lengths)
     made = mesh_valve(geometry, size=ratio * _length("--h", h), layers=layers, cell=cell)
-    write_valve(out, made)
+    with replacing(out) as temporary:
+        write_valve(temporary, made)
     numbers = quality(geometry, made)
     write_text(out.with_suffix(".json"), json.dumps(numbers, indent=1) + "\n")
     faces, owner = outer_faces(made.facets, len(made.points))
@@ -78,13 +76,24 @@ def import_(
 ) -> None:
     """Take a leaflet from elsewhere; a closed surface is filled with tetrahedra. Writes FILE.msh in cm."""
     from valvefsi.geometry.importing import import_mesh
+    from valvefsi.io.folder import replacing
 
+    _check_name(out)
     largest = None if size is None else _length("--size", size)
-    numbers = import_mesh(file, out, scale=_length("--unit", unit), size=largest, angle=angle)
+    with replacing(out) as temporary:
+        numbers = import_mesh(file, temporary, scale=_length("--unit", unit), size=largest, angle=angle)
     for name, value in numbers.items():
         shown = ", ".join(map(str, value)) if isinstance(value, list) else value
         typer.echo(f"{name:12s} {shown}")
     typer.echo(f"written: {out}")
+
+
+def _check_name(out: Path) -> None:
+    """Refuse a name that no mesh is written to."""
+    if out.suffix != ".msh" or not out.parent.is_dir():
+        raise CaseError(
+            "expected a name that ends in .msh, in a folder that exists", key="--out", value=str(out)
+        )
 
 
 def _length(key: str, text: str) -> float:
