@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from tests.campaign.processes import difference
+from tests.campaign.processes import BIAXIAL, difference
 from valvefsi import fsi
 from valvefsi.case import case_defaults, load_case, parse_case
 from valvefsi.case.build import build, run_case
@@ -173,10 +173,6 @@ def attack_case(rng: random.Random, folder: Path) -> str:
     return ACCEPTED if np.isfinite(rate) or rate * case.dt > case.time.cfl_max else FAILED
 
 
-BIAXIAL = "protocol,stretch1,stretch2,P11_kPa,P22_kPa\n" + "\n".join(
-    f"{1 + k // 8},{1 + 0.02 * (k % 8)},{1 + 0.015 * (k % 8)},{(k % 8) ** 2},{1.2 * (k % 8) ** 2}"
-    for k in range(24)
-)
 WAVES = "t_s,p_ao_mmHg,q_ao_ml_s,p_sd\n" + "\n".join(f"{0.01 * k},{80 + k},{3 * k},1" for k in range(40))
 TABLE = "t_s,u\n" + "\n".join(f"{0.1 * k},{k % 3}" for k in range(20))
 

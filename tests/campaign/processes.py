@@ -1,4 +1,4 @@
-"""Runs in processes of their own that are killed, stopped, or out of disk, and what they leave."""
+"""Processes that are killed, stopped, out of disk, or whose clock jumps, and what they leave."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from tests.campaign.comparison import differences, torn
 from valvefsi.io.history import read_history
 
 ROOT = Path(__file__).parents[2]
@@ -49,6 +51,10 @@ VALVE = (
     "output.checkpoint_every=4",
     "output.frames=4",
 )
+BIAXIAL = "protocol,stretch1,stretch2,P11_kPa,P22_kPa\n" + "\n".join(
+    f"{1 + k // 8},{1 + 0.02 * (k % 8)},{1 + 0.015 * (k % 8)},{(k % 8) ** 2},{1.2 * (k % 8) ** 2}"
+    for k in range(24)
+)
 SMALL_DISK = """
 from mpi4py import MPI
 import resource
@@ -57,28 +63,55 @@ from valvefsi.cli import main
 main()
 """
 """The command line where no file grows above a limit; MPI itself has begun before."""
-SAME, PATIENCE = 1e-12, 300.0
+JUMPING = """
+import os, random, time
+rng = random.Random({0} + 1000 * int(os.environ.get("PMI_RANK", "0")))
+def jumping(clock, back):
+    shift = 0.0
+    def read():
+        nonlocal shift
+        if rng.random() < 0.02:
+            shift += rng.choice((0.5, 700.0, 86400.0, *back))
+        return clock() + shift
+    return read
+time.time = jumping(time.time, (-3600.0, -5.0))
+time.perf_counter, time.monotonic = jumping(time.perf_counter, ()), jumping(time.monotonic, ())
+from valvefsi.cli import main
+main()
+"""
+"""The command line where clocks jump, on each rank by itself; those that the system keeps monotonic do not go back."""
+SERIES = ("--grid", "16", "--refine", "1", "--set", "t_end='4 s'")
+LATE = "kill -9: came after the end"
+SAME, PATIENCE, ENDING = 1e-12, 1800.0, 300.0
+"""Difference that counts as none; seconds until a run hangs, and until ranks hang of which one was killed."""
+Popen = subprocess.Popen[str]
 
 
 @dataclass(frozen=True)
 class Job:
-    """A run of the command line.
+    """A process of the command line.
 
     Attributes:
         name: What it is.
         arguments: After ``valvefsi``, without ``--out``.
         ranks: Number of ranks.
+        file: Name of the file that ``--out`` means, in the folder of the job; empty where it means the folder.
+        again: What goes on with it, or does it again, after it was killed.
+        writes_late: Whether it writes at its end only, so that half of the kills wait for its first file.
     """
 
     name: str
     arguments: tuple[str, ...]
     ranks: int = 1
+    file: str = ""
+    again: tuple[str, ...] = ("--resume",)
+    writes_late: bool = False
 
-    def start(self, out: Path, *more: str, limit: int | None = None) -> subprocess.Popen[str]:
-        """Start it, in a session of its own; ``limit`` is the largest file it may write [bytes]."""
+    def start(self, out: Path, *more: str, begin: Sequence[str] = ("-m", "valvefsi")) -> Popen:
+        """Start it, in a session of its own; ``begin`` is how Python comes to the command line."""
         launch = ["mpirun", "-n", str(self.ranks)] if self.ranks > 1 else []
-        begin = ["-m", "valvefsi"] if limit is None else ["-c", SMALL_DISK.format(limit)]
-        command = [*launch, sys.executable, *begin, *self.arguments, "--out", str(out), *more]
+        place = str(out / self.file) if self.file else str(out)
+        command = [*launch, sys.executable, *begin, *self.arguments, "--out", place, *more]
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
         return subprocess.Popen(
             command,
@@ -87,11 +120,12 @@ class Job:
             text=True,
             start_new_session=True,
             env=environment,
+            cwd=ROOT,
         )
 
-    def run(self, out: Path, *more: str, limit: int | None = None) -> tuple[int, str]:
+    def run(self, out: Path, *more: str, begin: Sequence[str] = ("-m", "valvefsi")) -> tuple[int, str]:
         """Run it to its end; return its exit code and what it said."""
-        process = self.start(out, *more, limit=limit)
+        process = self.start(out, *more, begin=begin)
         try:
             _, said = process.communicate(timeout=PATIENCE)
         except subprocess.TimeoutExpired:
@@ -101,7 +135,7 @@ class Job:
         return process.returncode, said
 
 
-def ranks_of(process: subprocess.Popen[str]) -> list[int]:
+def ranks_of(process: Popen) -> list[int]:
     """Return the processes of the ranks, by rank; the process itself where it has no launcher."""
     found: dict[int, int] = {}
     for entry in Path("/proc").iterdir():
@@ -148,54 +182,110 @@ def _gap(ours: Path, theirs: Path) -> float:
 
 
 def kill_and_resume(job: Job, whole: Path, out: Path, rng: random.Random, length: float) -> str:
-    """Kill a run outright at a moment within ``length`` seconds, resume it, and say what came of it."""
-    shutil.rmtree(out, ignore_errors=True)
+    """Kill a process outright at a moment within ``length`` seconds, go on with it, and say what came of it."""
+    _empty(out)
     process = job.start(out)
-    deadline = time.monotonic() + rng.uniform(0.0, length)
-    while time.monotonic() < deadline and process.poll() is None:
-        time.sleep(0.005)
+    _wait(job, process, out, rng, length)
     ended = process.poll() is not None
     pids = [] if ended else ranks_of(process)
     victim = rng.choice(pids) if pids else process.pid
+    rank = f" rank {pids.index(victim)}" if job.ranks > 1 and pids else ""
     if not ended:
         os.kill(victim, signal.SIGKILL)
     try:
-        process.communicate(timeout=60.0)
+        process.communicate(timeout=ENDING)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
-        return "the other ranks hung"
-    code, said = job.run(out, "--resume")
-    how = "resumed"
-    if code == 2 and ("no whole checkpoint" in said or "no checkpoint" in said):
-        code, said = job.run(out)
+        return f"kill -9{rank}: the other ranks hung"
+    broken = next(torn(out), None)
+    if broken is not None:
+        return f"kill -9{rank}: torn file {broken}"
+    if ended:
+        return LATE
+    return f"kill -9{rank}: {go_on(job, whole, out)}"
+
+
+def _empty(out: Path) -> None:
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+
+
+def _wait(job: Job, process: Popen, out: Path, rng: random.Random, length: float) -> None:
+    """Wait for the moment of a kill."""
+    moment, deadline = rng.uniform(0.0, length), time.monotonic() + 10 * length
+    if job.writes_late and rng.random() < 0.5:
+        moment = rng.uniform(0.0, 0.1 * length)
+        while process.poll() is None and time.monotonic() < deadline and not any(out.iterdir()):
+            time.sleep(0.005)
+    deadline = time.monotonic() + moment
+    while time.monotonic() < deadline and process.poll() is None:
+        time.sleep(0.005)
+
+
+def go_on(job: Job, whole: Path, out: Path, *, checkpoints: bool = True) -> str:
+    """Go on with what was broken off, begin anew where there is nothing to go on from, and compare every file."""
+    code, said = job.run(out, *job.again)
+    how = "resumed" if job.again else "done again"
+    if code == 2 and "--resume" in job.again and ("no whole checkpoint" in said or "no checkpoint" in said):
+        code, said = job.run(out, "--overwrite")
         how = "begun anew"
     if code != 0:
         return f"failed: {said.strip().splitlines()[-1] if said.strip() else code}"
-    gap = difference(out, whole)
-    return f"{how}, same answer" if gap <= SAME else f"another answer: {gap:.1e}"
+    return f"{how}, {answer(whole, out, checkpoints=checkpoints)}"
+
+
+def answer(whole: Path, out: Path, *, checkpoints: bool = True) -> str:
+    """Say whether every file of a folder is that of the uninterrupted run."""
+    gaps = {name: gap for name, gap in differences(out, whole, checkpoints=checkpoints).items() if gap > SAME}
+    if not gaps:
+        return "same in every file"
+    worst = max(gaps, key=gaps.__getitem__)
+    return f"another answer in {len(gaps)} files: {worst} {gaps[worst]:.1e}"
 
 
 def full_disk_and_resume(job: Job, whole: Path, out: Path, limit: int) -> str:
-    """Let no file grow above a limit, then lift it and resume."""
-    shutil.rmtree(out, ignore_errors=True)
-    code, said = job.run(out, limit=limit)
+    """Let no file grow above a limit [bytes], then lift it and go on."""
+    _empty(out)
+    code, said = job.run(out, begin=("-c", SMALL_DISK.format(limit)))
+    return _one_line(out, code, said) or go_on(job, whole, out)
+
+
+def small_disk_and_resume(job: Job, whole: Path, out: Path, part: float) -> str:
+    """Run on a disk of a part of the size that is needed, make it larger, and go on; needs the right to mount."""
+    size = sum(path.stat().st_size for path in whole.rglob("*") if path.is_file())
+    _empty(out)
+    if not _mount(out, f"size={int(part * size)}"):
+        return "not run: no disk can be mounted here"
+    try:
+        code, said = job.run(out)
+        fault = _one_line(out, code, said)
+        if fault:
+            return fault
+        if not _mount(out, f"remount,size={4 * size + 2**24}"):
+            return "not run: the disk cannot be made larger"
+        return go_on(job, whole, out)
+    finally:
+        subprocess.run(["umount", str(out)], check=False, capture_output=True)
+
+
+def _mount(folder: Path, options: str) -> bool:
+    command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
+    return subprocess.run(command, check=False, capture_output=True).returncode == 0
+
+
+def _one_line(out: Path, code: int, said: str) -> str:
+    """Return what is wrong with the end of a process that had no disk left, nothing if all is right."""
     lines = [line for line in said.splitlines() if line.startswith(("error", "Traceback"))]
     if code != 4 or len(lines) != 1 or "Traceback" in said:
         return f"not one line: exit {code}, {said.strip()[-200:]}"
-    code, said = job.run(out, "--resume")
-    if code == 2 and "no whole checkpoint" in said:
-        code, said = job.run(out, "--overwrite")
-    return (
-        "one line, same answer"
-        if code == 0 and difference(out, whole) <= SAME
-        else f"exit {code}: {said[-200:]}"
-    )
+    broken = next(torn(out), None)
+    return f"torn file {broken}" if broken else ""
 
 
 def stop_and_continue(job: Job, whole: Path, out: Path, rng: random.Random, length: float) -> str:
     """Stop every rank for a second and let it go on."""
-    shutil.rmtree(out, ignore_errors=True)
+    _empty(out)
     process = job.start(out)
     time.sleep(rng.uniform(0.3, 0.9) * length)
     for number in (signal.SIGSTOP, signal.SIGCONT):
@@ -203,43 +293,73 @@ def stop_and_continue(job: Job, whole: Path, out: Path, rng: random.Random, leng
             os.kill(pid, number)
         time.sleep(1.0)
     _, said = process.communicate(timeout=PATIENCE)
-    return (
-        "same answer"
-        if process.returncode == 0 and difference(out, whole) <= SAME
-        else f"failed: {said[-200:]}"
-    )
+    return answer(whole, out) if process.returncode == 0 else f"failed: {said[-200:]}"
+
+
+def jump_the_clock(job: Job, whole: Path, out: Path, seed: int) -> str:
+    """Run with clocks that jump; checkpoints by the clock may come at other steps than in the whole run."""
+    _empty(out)
+    code, said = job.run(out, begin=("-c", JUMPING.format(seed)))
+    return answer(whole, out, checkpoints=False) if code == 0 else f"failed: exit {code}, {said[-200:]}"
 
 
 def jobs(folder: Path) -> list[Job]:
-    """Return the runs that are killed: a block in two dimensions and a valve with circuits, on one and two ranks."""
-    case = folder / "block.toml"
-    case.write_text(BLOCK)
+    """Return the processes that are killed.
+
+    A block in two dimensions, a valve with circuits and adaptive steps, a fit, a series, a movie.
+    """
+    case, record = folder / "block.toml", folder / "record.csv"
+    case.write_text(BLOCK, encoding="utf-8")
+    record.write_text(BIAXIAL, encoding="utf-8")
     valve = (
         "run",
         str(ROOT / "demos" / "pericardial_valve.toml"),
         *(x for text in VALVE for x in ("--set", text)),
     )
+    block = ("run", str(case))
+    movie = Job("movie", ("movie", str(folder / "movie_of")), file="movie.gif", again=(), writes_late=True)
     return [
-        Job("block, one rank", ("run", str(case))),
-        Job("block, two ranks", ("run", str(case)), 2),
+        Job("block, one rank", block),
+        Job("block, two ranks", block, 2),
         Job("valve, one rank", valve),
         Job("valve, two ranks", valve, 2),
+        Job(
+            "fit of 32 starts", ("fit", "biaxial", str(record), "--starts", "32"), again=(), writes_late=True
+        ),
+        Job("series of four runs", ("bench", "compression", *SERIES), again=()),
+        movie,
     ]
 
 
-def attack(job: Job, folder: Path, count: int, seed: int) -> dict[str, int]:
-    """Kill a run ``count`` times, fill its disk and stop it; return how often what came of it."""
+def prepare(job: Job, folder: Path) -> None:
+    """Make what a job needs: the run that a movie is of."""
+    if job.name == "movie":
+        code, said = Job("", ("run", str(folder / "block.toml"))).run(folder / "movie_of", "--overwrite")
+        if code != 0:
+            raise RuntimeError(f"the run of the movie fails: {said[-300:]}")
+
+
+def attack(job: Job, folder: Path, count: int, seed: int) -> Iterator[str]:
+    """Kill a process ``count`` times, fill its disk, stop it, let its clock jump; yield what came of each."""
     rng = random.Random(f"{seed} {job.name}")
     whole, out = folder / "whole", folder / "killed"
+    _empty(whole)
     began = time.monotonic()
     code, said = job.run(whole)
     if code != 0:
-        return {f"the run itself fails: {said[-300:]}": 1}
-    length, outcomes = time.monotonic() - began, []
+        yield f"the run itself fails: {said[-300:]}"
+        return
+    length = time.monotonic() - began
     for _ in range(count):
-        outcomes.append("kill -9: " + kill_and_resume(job, whole, out, rng, length))
-    largest = max(path.stat().st_size for path in (whole / "checkpoints").iterdir())
+        while (outcome := kill_and_resume(job, whole, out, rng, length)) == LATE:
+            pass
+        yield outcome
+    largest = max(path.stat().st_size for path in whole.rglob("*") if path.is_file())
     for limit in (largest // 2, 2000):
-        outcomes.append("full disk: " + full_disk_and_resume(job, whole, out, limit))
-    outcomes.append("stopped and continued: " + stop_and_continue(job, whole, out, rng, length))
-    return {name: outcomes.count(name) for name in dict.fromkeys(outcomes)}
+        yield f"full disk: {full_disk_and_resume(job, whole, out, limit)}"
+    for part in (0.2, 0.7):
+        yield f"full disk: {small_disk_and_resume(job, whole, out, part)}"
+    for _ in range(2):
+        yield f"stopped and continued: {stop_and_continue(job, whole, out, rng, length)}"
+    for number in range(2):
+        yield f"clock that jumps: {jump_the_clock(job, whole, out, seed + number)}"

@@ -83,7 +83,10 @@ def test_quantities_are_cgs_inside_whatever_their_unit(file, override, read, val
 
 WRONG = {
     "fluid.viscosity='3 cm'": "--set: fluid.viscosity = '3 cm': expected a quantity in dyn*s/cm^2",
-    "fluid.viscosity='3'": "expected a quantity in dyn*s/cm^2",
+    "fluid.viscosity='3'": "expected a quantity in dyn*s/cm^2: write 3 without quotes, or a unit after it",
+    "fluid.viscosity='sin'": "expected a quantity in dyn*s/cm^2: this text begins with no number",
+    "fluid.viscosity='3 *'": "expected a quantity in dyn*s/cm^2: what follows the number is no unit",
+    "fluid.viscosity='3 kPa'": "expected a quantity in dyn*s/cm^2, kPa measures something else",
     "fluid.viscosity='3 cPP'": 'unknown unit "cPP", did you mean "cP"?',
     "fluid.viscosity=true": "fluid.viscosity = True: expected a quantity",
     "fluid.viscosity=nan": "expected a finite number",
@@ -152,7 +155,10 @@ def test_solids_may_touch_walls_and_not_come_near_open_sides(file):
 
 def test_an_error_in_the_file_names_the_file(file):
     file.write_text(case_defaults().replace('viscosity = "0.01 dyn*s/cm^2"', 'viscosity = "3 cm"'))
-    assert message(file) == f"{file}: fluid.viscosity = '3 cm': expected a quantity in dyn*s/cm^2"
+    assert (
+        message(file)
+        == f"{file}: fluid.viscosity = '3 cm': expected a quantity in dyn*s/cm^2, cm measures something else"
+    )
     file.write_text(case_defaults().replace('t_end = "30 s"', ""))
     assert message(file) == f"{file}: time.t_end: this key is required"
     file.write_text("a = = 1")

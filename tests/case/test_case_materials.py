@@ -167,6 +167,9 @@ def test_a_material_of_ones_own_runs_only_where_it_is_trusted(shared_tmp, comm, 
     user.write_text('trust = ["."]', encoding="utf-8")
     with pytest.raises(CaseError, match=r"trust = '\.': expected whole paths"):
         load_case(path)
+    user.write_text(f'trusted = ["{shared_tmp}"]', encoding="utf-8")
+    with pytest.raises(CaseError, match=r"config\.toml: trusted: unknown key; did you mean 'trust'\?$"):
+        load_case(path)
     user.write_text(f'trust = ["{shared_tmp}"]', encoding="utf-8")
     assert load_case(path).solid[0].material.parameters["limit"] == 20.0
     assert bite.exists()

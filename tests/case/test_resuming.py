@@ -14,13 +14,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.campaign.comparison import differences
 from valvefsi.case import case_defaults, load_case, parse_case, to_toml
 from valvefsi.case.build import build, plan_case, run_case
 from valvefsi.case.resuming import FREE, provenance_of
 from valvefsi.errors import CaseError, Stopped, SurroundingsError
 from valvefsi.io import checkpoint, folder
 from valvefsi.io.history import History, read_history
-from valvefsi.run import disk
+from valvefsi.io.series import read_times
+from valvefsi.run import disk, health
 from valvefsi.run.disk import disk_needed
 
 pytestmark = pytest.mark.serial
@@ -76,6 +78,7 @@ FIXED_CHANGES = [
     ("solid.block.mesh.elements=[5, 5]", "solid.block.mesh.elements.0: .* was 4, it is 5"),
     ("solid.block.coupling='elemental'", "solid.block.coupling: .* was 'nodal', it is 'elemental'"),
     ("fluid.sides.x_lower.type='free_slip'", "fluid.sides.x_lower.type"),
+    ("solid.block.kernel='ib4'", "solid.block.kernel: .* was 'bspline3', it is 'ib4'"),
     ("output.dissipation=true", "output.dissipation: .* was False, it is True"),
 ]
 OPEN_CHANGES = [
@@ -137,6 +140,13 @@ def test_the_end_and_the_rhythm_of_output_may_change(tmp_path, whole):
         np.testing.assert_allclose(ours[name], values, rtol=1e-11, atol=1e-13, err_msg=name)
 
 
+@pytest.mark.parametrize("step", [9, 20, 39])
+def test_every_file_of_a_resumed_run_is_that_of_the_uninterrupted_one(step, tmp_path, whole):
+    out = broken_off(tmp_path / "run", step)
+    run_case(case_with(), out=out, resume=True, comm=SELF)
+    assert differences(out, whole) == {}
+
+
 def test_changes_stay_known_over_several_resumes(tmp_path):
     out = broken_off(tmp_path / "run")
     with pytest.raises(Stopped):
@@ -171,6 +181,92 @@ def test_a_table_that_was_edited_is_another_case(tmp_path):
         run_case(parse_case(raw), out=out, resume=True, comm=SELF)
     side["table"] = str(moved)
     run_case(parse_case(raw), out=out, resume=True, comm=SELF)
+
+
+def test_an_end_that_the_run_has_passed_is_refused_in_one_line(tmp_path):
+    out = broken_off(tmp_path / "run")
+    before = contents(out)
+    said = r"time\.t_end: the checkpoint is of t = 0\.032 s, after this end of 0\.02 s; nothing is run"
+    with pytest.raises(CaseError, match=said) as caught:
+        run_case(case_with("time.t_end='20 ms'"), out=out, resume=True, comm=SELF)
+    assert "\n" not in str(caught.value)
+    assert contents(out) == before
+    simulation = build(case_with("time.t_end='20 ms'"), out, SELF)
+    with pytest.raises(CaseError, match="after this end"):  # without a case too, as in a benchmark
+        simulation.run(resume=True)
+
+
+def test_an_end_at_the_checkpoint_gives_the_last_row(tmp_path, whole):
+    out = broken_off(tmp_path / "run")
+    within = case_with("time.t_end='32.9 ms'")  # half a step is 1 ms
+    for _ in range(2):  # the second time nothing is left to do
+        result = run_case(within, out=out, resume=True, comm=SELF)
+        assert result["last"]["t_s"] == pytest.approx(0.032)
+        assert read_history(out / "history.csv")["step"] == [0, 5, 10, 15, 16]
+
+
+@pytest.mark.parametrize("finished", [False, True])
+def test_a_history_that_is_missing_begins_anew_and_is_said(tmp_path, finished):
+    out = tmp_path / "run"
+    run_case(case_with(), out=out, comm=SELF) if finished else broken_off(out)
+    (out / "history.csv").unlink()
+    step, t = (40, 0.08) if finished else (16, 0.032)
+    said = rf"history\.csv is missing: its rows up to step {step} are lost, it begins anew there"
+    with pytest.warns(UserWarning, match=said) as heard:
+        result = run_case(case_with(), out=out, resume=True, comm=SELF)
+    assert len(heard) == 1
+    rows = read_history(out / "history.csv")
+    assert rows["t_s"][0] == pytest.approx(t)
+    assert rows["step"] == sorted(set(rows["step"]))
+    assert result["last"]["t_s"] == rows["t_s"][-1] == pytest.approx(0.08)
+
+
+def test_a_list_of_times_that_is_missing_is_said(tmp_path):
+    out = broken_off(tmp_path / "run")
+    (out / "paraview" / "fluid.pvd").unlink()
+    with pytest.warns(UserWarning, match=r"fluid\.pvd is missing: .* frames in fluid are lost"):
+        run_case(case_with(), out=out, resume=True, comm=SELF)
+    assert [t for t, _ in read_times(out / "paraview" / "fluid.pvd")] == pytest.approx([0.04, 0.06, 0.08])
+
+
+def test_what_a_run_was_warned_of_before_it_was_broken_off_is_in_its_summary(tmp_path, monkeypatch, whole):
+    monkeypatch.setattr(health, "LONGEST_GAP", 0.5)
+    out, theirs = tmp_path / "run", tmp_path / "whole"
+    with pytest.warns(UserWarning, match="fluid may leak"):
+        run_case(case_with(), out=theirs, comm=SELF)
+    with pytest.warns(UserWarning, match="fluid may leak"):
+        broken_off(out)
+    monkeypatch.setattr(health, "LONGEST_GAP", 100.0)
+    run_case(case_with(), out=out, resume=True, comm=SELF)
+    ours, other = (json.loads((f / "summary.json").read_text())["timing"]["warnings"] for f in (out, theirs))
+    assert ours == other
+    assert ours[0]["t_s"] == 0.0
+
+
+def test_a_killed_run_leaves_nothing_that_it_only_began(tmp_path, whole):
+    """The names under which files are written are those of a process that is no more, and of other ranks."""
+    out = broken_off(tmp_path / "run")
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    begun = [f".summary.{gone.pid}.json", f".histories.{gone.pid}.png", ".history.csv.part"]
+    begun += [
+        "paraview/.fluid.pvd",
+        "paraview/fluid/.fluid_000003_0001.vti",
+        "paraview/block/.block_000002.vtu",
+    ]
+    begun += ["checkpoints/.step_00000040.vfc.part"]
+    for name in begun:
+        (out / name).write_text("half")
+    run_case(case_with(), out=out, resume=True, comm=SELF)
+    names = [{path.relative_to(f).as_posix() for path in contents(f)} for f in (out, whole)]
+    assert names[0] == names[1]
+
+
+def test_what_a_living_process_writes_is_left_alone(tmp_path):
+    other = tmp_path / f".summary.{os.getppid()}.json"
+    other.write_text("half")
+    folder.write_text(tmp_path / "summary.json", "whole")
+    assert other.exists()
 
 
 def test_what_is_free_matches_whole_keys_only():

@@ -1,5 +1,6 @@
 """The command line: what it prints, where, and how it ends."""
 
+import errno
 import io
 import os
 import subprocess
@@ -271,3 +272,43 @@ def test_recoveries_and_warnings_end_a_result_as_lines(capsys):
         "recovery: too fast",
         "warning: too coarse",
     ]
+
+
+@pytest.mark.serial
+def test_a_file_where_results_go_is_refused_before_any_work(file, tmp_path):
+    there = tmp_path / "there"
+    there.write_text("mine")
+    record = tmp_path / "record.csv"  # is never read
+    for command in (
+        ["run", file],
+        ["bench", "channel"],
+        ["fit", "biaxial", record],
+        ["fit", "windkessel", record],
+        ["plot", tmp_path],
+    ):
+        for out, said in ((there, "this is a file"), (there / "a" / "b", f"{there} is a file")):
+            result = RUNNER.invoke(cli.app, [*map(str, command), "--out", str(out)])
+            assert f"--out = '{out}': {said}, expected a folder" in str(result.exception), command
+    assert there.read_text() == "mine"
+    for command in (["movie", tmp_path], ["mesh", "valve"], ["mesh", "import", there], ["bench", "table"]):
+        result = RUNNER.invoke(cli.app, [*map(str, command), "--out", str(tmp_path)])
+        assert "this is a folder, expected the name of a file" in str(result.exception), command
+
+
+@pytest.mark.serial
+def test_a_fit_without_a_disk_ends_like_any_command_without_one(tmp_path, monkeypatch, capsys):
+    from valvefsi.fitting import biaxial
+
+    def full(self, out):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(out))
+
+    monkeypatch.setattr(biaxial.BiaxialFit, "write", full)
+    record = tmp_path / "record.csv"
+    rows = "".join(f"{1 + 0.01 * k},{1 + 0.01 * k},{k},{k}\n" for k in range(8))
+    record.write_text(f"stretch1,stretch2,P11_kPa,P22_kPa\n{rows}")
+    command = ["fit", "biaxial", str(record), "--model", "neo-hookean", "--starts", "1"]
+    monkeypatch.setattr(sys, "argv", ["valvefsi", *command, "--out", str(tmp_path / "fit")])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 4
+    assert f"error: {tmp_path / 'fit'}: No space left on device\n" in capsys.readouterr().err

@@ -1,5 +1,8 @@
 """Checkpoints: exact round trips between decompositions, damage recognised."""
 
+import os
+import subprocess
+import sys
 import warnings
 import zlib
 
@@ -247,3 +250,46 @@ def test_a_header_that_another_program_wrote_is_no_traceback(comm, shared_tmp):
         assert_is(comm, found, 10, seed=3)
         assert len(messages) == (comm.rank == 0)
         comm.barrier()
+
+
+ONE_RANK_CANNOT = """
+import sys, types
+from pathlib import Path
+import numpy as np
+from mpi4py import MPI
+from valvefsi.io import checkpoint
+comm, call, rank = MPI.COMM_WORLD, sys.argv[2], int(sys.argv[3])
+
+class Full:
+    def __init__(self, file):
+        self.file, self.number = file, 0
+    def __getattr__(self, name):
+        def run(*arguments):
+            getattr(self.file, name)(*arguments)
+            self.number += name == call
+            if name == call and comm.rank == rank and self.number == 1:
+                raise MPI.Exception(MPI.ERR_NO_SPACE)
+        return run
+
+checkpoint.MPI = types.SimpleNamespace(**{name: getattr(MPI, name) for name in dir(MPI)})
+opened = lambda *arguments: Full(MPI.File.Open(*arguments))
+checkpoint.MPI.File = types.SimpleNamespace(Open=opened)
+fields = {n: checkpoint.Block(np.ones((2, 3)), (2 * comm.rank, 0), (4, 3)) for n in "abc"}
+try:
+    checkpoint.save(Path(sys.argv[1]), 3, fields, {}, {}, comm)
+except OSError as error:
+    print(comm.rank, "cannot write" in str(error), flush=True)
+"""
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("call", "rank"), [("Write_at", 0), ("Write_all", 1), ("Sync", 1)])
+def test_where_one_rank_cannot_write_all_say_so(call, rank, tmp_path):
+    """The others do not wait for it for ever, and no file stands there."""
+    command = ["mpirun", "-n", "2", sys.executable, "-c", ONE_RANK_CANNOT, str(tmp_path), call, str(rank)]
+    clean = {
+        k: v for k, v in os.environ.items() if not k.startswith(("PMI", "OMPI_", "PMIX", "HYDRA", "MPI"))
+    }
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=clean)
+    assert sorted(done.stdout.split("\n")) == ["", "0 True", "1 True"], done.stderr
+    assert not list(tmp_path.iterdir())

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from valvefsi.cli import app
 from valvefsi.errors import CaseError
 from valvefsi.io.grid_files import GridFields, nearest_time, read_grid, times_of
-from valvefsi.io.paraview import FluidSeries
+from valvefsi.io.paraview import FluidSeries, SolidSeries
 from valvefsi.io.solid_body import Body
 from valvefsi.post.movies import draw_movie, draw_plane
 from valvefsi.post.plots.slice import Plane, cut, field_of, outline, scale_of
@@ -173,6 +173,49 @@ def test_the_commands(written):
         result = run(app, ["plot", str(folder), "--slice", wrong])
         assert result.exit_code != 0
         assert said in str(result.exception) + result.output
+
+
+def plane_run(folder, body=True):
+    """What a run in two dimensions leaves: one time of the fluid, and of a solid."""
+    place, cells = folder / "paraview", (4, 3, 1)
+    place.mkdir(parents=True)
+    series = FluidSeries(place, "fluid", MPI.COMM_SELF, cells, (0, 0, 0), cells, ((0, 0, 0), (0.1, 0.1, 1)))
+    series.write(0.0, np.ones((*cells, 3)), np.ones(cells))
+    if body:
+        points = np.array([[0.1, 0.1, 0], [0.2, 0.1, 0], [0.2, 0.2, 0]])
+        solid = SolidSeries(place, "flag", MPI.COMM_SELF)
+        solid.write(0.0, points, {5: np.array([[0, 1, 2]])}, np.ones(1), 0 * points)
+    return str(folder)
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="a command of one rank")
+def test_in_two_dimensions_a_picture_is_made_or_one_line_says_why_not(tmp_path, monkeypatch):
+    monkeypatch.setattr("valvefsi.post.plots.solid.can_render", lambda: False)
+    run, folder = CliRunner().invoke, plane_run(tmp_path / "run")
+    for command in ("plot", "movie"):
+        for plane in ("z=0", "x=0.2"):
+            result = run(app, [command, folder, "--slice", plane])
+            assert "--slice = " in str(result.exception)
+            assert "a run in two dimensions is drawn whole" in str(result.exception)
+    result = run(app, ["plot", folder])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "run" / "flag_J.png").exists()
+    assert "bodies in space" not in result.output
+    result = run(app, ["plot", plane_run(tmp_path / "flow", body=False)])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "flow" / "slice_speed.png").exists()
+    for arguments, said in (
+        ([folder, "--time", "nan"], "--time = nan: expected a finite time"),
+        ([f"{folder}/paraview/fluid.pvd"], "drawn from the folder of its run, with --field speed"),
+        (
+            [str(tmp_path / "case.toml")],
+            "this is a case, nothing of it is drawn but its fibres, with --fibres",
+        ),
+        ([str(tmp_path), "--field", "speed"], "was the run made with output.frames"),
+        ([str(tmp_path), "--field", "mean_velocity_x"], "was the run made with output.frames"),
+    ):
+        (tmp_path / "case.toml").write_text("")
+        assert said in str(run(app, ["plot", *arguments]).exception)
 
 
 def test_a_series_that_is_not_there_is_said(tmp_path):

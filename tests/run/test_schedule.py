@@ -167,7 +167,12 @@ def test_a_fault_that_stays_ends_the_run_after_the_allowed_recoveries(shared_tmp
     sim.model.bodies[0].solid.force = lambda chi, U, t: inner(chi, U, t) * (np.nan if t > 0.3 else 1.0)
     with pytest.raises(StabilityError, match="last good state"):
         sim.run()
-    assert len(sim.recoveries) == 3
+    assert len(sim.memory.recoveries) == 3
+    again = adaptive(shared_tmp, lid=2.0, max_recoveries=3)
+    outcome = again.run(
+        resume=True
+    )  # the fault is gone: it may recover as often again, and tells of the old ones
+    assert [one["t_s"] for one in outcome.recoveries] == [one["t_s"] for one in sim.memory.recoveries]
 
 
 def test_checkpoints_by_the_clock_keep_the_newest(shared_tmp):

@@ -22,6 +22,7 @@ from mpi4py import MPI
 
 from valvefsi.benchmarks.options import Parameters, Values, check_options, option, read_parameters
 from valvefsi.benchmarks.results import Row, environment, peak_memory, plain, write_result
+from valvefsi.io.folder import write_text
 from valvefsi.runtime.memory import keep_freed_memory
 from valvefsi.types import Progress
 
@@ -273,7 +274,7 @@ class Benchmark(Command, Generic[R, K]):
         if self.keeps and job.comm.rank == 0:
             job.folder.mkdir(parents=True, exist_ok=True)
             text = json.dumps({"asked": asked, "record": public(record)}, default=plain)
-            (job.folder / "run.json").write_text(text + "\n")
+            write_text(job.folder / "run.json", text + "\n")
         return record
 
 

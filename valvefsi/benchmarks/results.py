@@ -16,6 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 import valvefsi
+from valvefsi.io.folder import write_text
 from valvefsi.verification.convergence import observed_order
 
 PACKAGES = ("fenics-dolfinx", "fenics-ufl", "numpy", "scipy", "numba", "mpi4py", "gmsh")
@@ -73,7 +74,7 @@ def write_result(out: Path, result: Mapping[str, Any], comm: MPI.Comm) -> Path:
     path = Path(out) / "result.json"
     if comm.rank == 0:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(result, indent=2, default=plain) + "\n")
+        write_text(path, json.dumps(result, indent=2, default=plain) + "\n")
     comm.barrier()
     return path
 

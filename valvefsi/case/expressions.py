@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import operator
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,9 +50,11 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "max": np.maximum,
     "where": np.where,
 }
+VALUES = {"min": 2, "max": 2, "where": 3}
+"""How many values a function takes, if not one."""
 CONSTANTS: dict[str, Array | float] = {"pi": np.pi}
-LONGEST, DEEPEST, LARGEST = 2000, 100, 1e300
-"""Characters, nested operations, and the size of a number, that an expression may have."""
+LONGEST, DEEPEST, LARGEST, SHOWN = 2000, 100, 1e300, 40
+"""Characters, nested operations, the size of a number that an expression may have; characters shown of it."""
 COORDINATES = ("x", "y", "z", "t")
 
 
@@ -76,13 +79,15 @@ class Expression:
         if len(self.text) > LONGEST:
             raise ValueError(f"an expression has at most {LONGEST} characters")
         try:
-            tree = ast.parse(self.text.strip(), mode="eval")
+            tree = ast.parse(text := self.text.strip(), mode="eval")
         except SyntaxError as error:
-            raise ValueError(f"not an expression: {error.msg}") from None
+            unit = re.search(r"\d\s*[A-Za-z%]", self.text)
+            hint = "; a number in it has no unit, it is in CGS" if unit else ""
+            raise ValueError(f"not an expression: {error.msg}{hint}") from None
         except (ValueError, RecursionError, MemoryError):  # what Python's parser makes of zeros and of depth
             raise ValueError("not an expression") from None
         known = (*COORDINATES, *CONSTANTS, *self.names)
-        _check(tree.body, known)
+        _check(tree.body, known, text)
         object.__setattr__(self, "_tree", tree.body)
 
     def __call__(self, values: Mapping[str, Array | float]) -> Array | float:
@@ -96,7 +101,7 @@ class Expression:
             return _value(self._tree, known)
 
 
-def _check(node: ast.AST, known: Collection[str], depth: int = 0) -> None:
+def _check(node: ast.AST, known: Collection[str], text: str, depth: int = 0) -> None:
     if depth > DEEPEST:
         raise ValueError("nested too deeply")
     if (
@@ -108,6 +113,8 @@ def _check(node: ast.AST, known: Collection[str], depth: int = 0) -> None:
             raise ValueError("a number is not finite")
         return
     if isinstance(node, ast.Name):
+        if node.id in FUNCTIONS:
+            raise ValueError(f"{node.id} is a function, write what of in parentheses: {_example(node.id)}")
         if node.id not in known:
             raise ValueError(f"unknown name {node.id!r}{nearest(node.id, [*known, *FUNCTIONS])}")
         return
@@ -119,13 +126,24 @@ def _check(node: ast.AST, known: Collection[str], depth: int = 0) -> None:
         if node.func.id not in FUNCTIONS:
             raise ValueError(f"unknown function {node.func.id!r}{nearest(node.func.id, list(FUNCTIONS))}")
         parts = node.args
-        wanted = {"min": 2, "max": 2, "where": 3}.get(node.func.id, 1)
+        wanted = VALUES.get(node.func.id, 1)
         if len(parts) != wanted:
             raise ValueError(f"{node.func.id} takes {wanted} value{'s' * (wanted > 1)}, found {len(parts)}")
     else:
-        raise ValueError(f"{type(node).__name__} is not arithmetic")
+        raise ValueError(f"{_shown(node, text)} is not arithmetic")
     for part in parts:
-        _check(part, known, depth + 1)
+        _check(part, known, text, depth + 1)
+
+
+def _example(function: str) -> str:
+    return f"{function}({', '.join('xyz'[: VALUES.get(function, 1)])})"
+
+
+def _shown(node: ast.AST, text: str) -> str:
+    """Return a part of an expression as it is written, with what it is."""
+    text = ast.get_source_segment(text, node) or text
+    kind = "a text in quotes" if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+    return f"{text if len(text) <= SHOWN else f'{text[:SHOWN]} ...'}{f', {kind},' if kind else ''}"
 
 
 def _value(node: ast.AST, values: Mapping[str, Array | float]) -> Any:

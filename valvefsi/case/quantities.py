@@ -87,20 +87,22 @@ class Quantity:
 
     def _split(self, text: str) -> tuple[float, str]:
         match = NUMBER.fullmatch(text)
-        if match is None or not match[2]:
-            raise self._expected()
+        if match is None:
+            raise self._expected(": this text begins with no number")
+        if not match[2]:
+            raise self._expected(f": write {match[1]} without quotes, or a unit after it")
         return float(match[1]), match[2]
 
     def _convert(self, number: float, unit: str) -> float:
         import pint
 
         if len(unit) > LONGEST or not UNIT.fullmatch(unit):
-            raise self._expected()
+            raise self._expected(": what follows the number is no unit")
         registry = unit_registry()
         try:
             return float(registry.Quantity(number, registry.parse_units(unit)).to(self.unit).magnitude)
         except pint.DimensionalityError:
-            raise self._expected() from None
+            raise self._expected(f", {unit} measures something else") from None
         except pint.UndefinedUnitError as error:
             names = error.unit_names if isinstance(error.unit_names, str) else next(iter(error.unit_names))
             near = difflib.get_close_matches(names, COMMON_UNITS, n=1, cutoff=0.4)
@@ -111,10 +113,11 @@ class Quantity:
                 {"name": names, "hint": hint, "unit": self.unit},
             ) from None
         except Exception:  # pint's parser raises whatever Python's does
-            raise self._expected() from None
+            raise self._expected(": what follows the number is no unit") from None
 
-    def _expected(self) -> PydanticCustomError:
-        return PydanticCustomError("quantity", "expected a quantity in {unit}", {"unit": self.unit})
+    def _expected(self, why: str = "") -> PydanticCustomError:
+        values = {"unit": self.unit, "why": why}
+        return PydanticCustomError("quantity", "expected a quantity in {unit}{why}", values)
 
     def __get_pydantic_core_schema__(
         self, source: object, handler: GetCoreSchemaHandler

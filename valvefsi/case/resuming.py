@@ -17,6 +17,7 @@ from valvefsi.errors import CaseError
 from valvefsi.io import checkpoint
 from valvefsi.io.folder import held
 from valvefsi.run.checkpoints import refuse_to_overwrite
+from valvefsi.run.schedule import check_end
 
 FREE = re.compile(
     r"title|time\.(t_end|max_recoveries)|output\.(frames|history_every|checkpoint_every|checkpoint_wall"
@@ -26,7 +27,7 @@ FREE = re.compile(
 """What is no part of a state and of the way on from it."""
 FIXED = re.compile(
     r"grid\..*|housing\..*|output\..*|fluid\.density|fluid\.sides\.\w+\.(type|circuit)|circuit\.\w+\.(name|model)"
-    r"|solid\.\w+\.(name|degree|mesh\..*|coupling|point_gap|density|probe\..*)"
+    r"|solid\.\w+\.(name|degree|mesh\..*|coupling|kernel|point_gap|density|probe\..*)"
 )
 """What gives the numbers in a checkpoint, or in the files beside it, their meaning."""
 FILES = ("file", "table")
@@ -69,6 +70,8 @@ def run_folder(
     with held(out, comm):
         if resume:
             meta = checkpoint.newest_meta(Path(out) / "checkpoints", comm)
+            if meta:
+                check_end(meta["t"], meta["dt"], case.time.t_end, case.file)
             yield _changes(meta, case, allow_change) if meta else ()
             return
         if not overwrite:

@@ -7,7 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from valvefsi.case.includes import read_toml
+from valvefsi.case.overrides import nearest
 from valvefsi.errors import CaseError
+
+SETTINGS = ("trust",)
+"""What the user's configuration file may hold."""
 
 
 def configuration() -> Path:
@@ -53,7 +57,11 @@ def load_own_materials(raw: Mapping[str, object], file: Path | None, trust: bool
 
 def _trusted_folders() -> list[Path]:
     path = configuration()
-    folders = read_toml(path).get("trust", []) if path.is_file() else []
+    settings = read_toml(path) if path.is_file() else {}
+    for key in settings:
+        if key not in SETTINGS:
+            raise CaseError(f"unknown key{nearest(key, SETTINGS)}", file=path, key=key)
+    folders = settings.get("trust", [])
     if not isinstance(folders, list) or not all(isinstance(each, str) for each in folders):
         raise CaseError("expected a list of folders", file=path, key="trust", value=folders)
     paths = [Path(each).expanduser() for each in folders]

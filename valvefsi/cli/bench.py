@@ -9,7 +9,7 @@ import typer
 
 from valvefsi.benchmarks.registry import ENTRIES, markdown
 from valvefsi.cli.bench_command import add
-from valvefsi.cli.options import HELP
+from valvefsi.cli.options import HELP, not_a_folder
 from valvefsi.cli.tables import WIDE, print_table
 
 bench = typer.Typer(help="Run a published benchmark and compare.", **HELP)
@@ -24,19 +24,23 @@ def table(
     ] = None,
     everything: Annotated[bool, typer.Option("--all", help="Also what is compared with nothing.")] = False,
     out: Annotated[
-        Path, typer.Option("--out", metavar="FILE.md", help="The table; a picture lies beside it.")
+        Path,
+        typer.Option(
+            "--out", metavar="FILE.md", help="The table; a picture lies beside it.", callback=not_a_folder
+        ),
     ] = Path("results/benchmarks.md"),
 ) -> None:
     """Gather results of benchmarks: computed, reference, difference, source, grid, ranks, date, time."""
     from rich.console import Console
 
+    from valvefsi.io.folder import write_text
     from valvefsi.post.plots.comparison import differences
     from valvefsi.verification.collection import COLUMNS, collect
     from valvefsi.verification.collection import markdown as as_table
 
     lines = collect(folders or [Path("results")], everything=everything)
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(as_table(lines))
+    write_text(out, as_table(lines))
     rows = [
         (line.benchmark, line.label(), line.difference_percent)
         for line in lines

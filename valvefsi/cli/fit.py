@@ -8,9 +8,10 @@ from typing import Annotated
 
 import typer
 
-from valvefsi.cli.fit_output import Texts, names, numbers, progress, ranges, show, writing
+from valvefsi.cli.fit_output import Texts, names, numbers, progress, ranges, show
 from valvefsi.cli.fit_windkessel import windkessel
 from valvefsi.cli.option_groups import as_number, options_of, pairs
+from valvefsi.cli.options import Out
 from valvefsi.errors import CaseError
 
 fit = typer.Typer(
@@ -71,7 +72,7 @@ class BiaxialCommand:
     ] = None
     starts: Annotated[int, typer.Option(help="Number of starts.")] = 32
     seed: Annotated[int, typer.Option(help="Seed of starts and bootstrap.")] = 0
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder of the results.")] = None
+    out: Out = None
 
 
 @fit.command("biaxial")
@@ -125,8 +126,7 @@ def biaxial(options: BiaxialCommand) -> None:
             seed=options.seed,
         )
     folder = options.out or Path("results") / f"fit-{options.data[0].stem}"
-    with writing(folder):
-        result.write(folder)
+    result.write(folder)
     show(result.report, folder)
 
 

@@ -13,7 +13,6 @@ import typer
 
 from valvefsi.cli.option_groups import as_number, pairs
 from valvefsi.cli.tables import WIDE, print_fit
-from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -60,15 +59,6 @@ def progress(title: str) -> Iterator[Notify]:
             bars.update(tasks[what], completed=number, total=count)
 
         yield bar
-
-
-@contextlib.contextmanager
-def writing(folder: Path) -> Iterator[Path]:
-    """Turn what the system refuses while results are written into one line that names the folder."""
-    try:
-        yield folder
-    except OSError as error:
-        raise CaseError(f"cannot write here: {error.strerror}", key="out", value=str(folder)) from None
 
 
 def show(report: Report, folder: Path | None = None) -> None:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valvefsi.cli.fit_output import Texts, console, names, numbers, progress, ranges, show, writing
+from valvefsi.cli.fit_output import Texts, console, names, numbers, progress, ranges, show
 from valvefsi.cli.option_groups import options_of, pairs
+from valvefsi.cli.options import Out
 from valvefsi.cli.tables import print_table
 from valvefsi.errors import CaseError
 
@@ -67,7 +68,7 @@ class WindkesselCommand:
     compare: Annotated[str | None, typer.Option(metavar="A,B", help="Circuits to compare with.")] = None
     starts: Annotated[int, typer.Option(min=1, max=4096, help="Number of starts.")] = 8
     seed: Annotated[int, typer.Option(min=0, help="Seed of starts and bootstrap.")] = 0
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder of the results.")] = None
+    out: Out = None
 
 
 @options_of(WindkesselCommand)
@@ -93,14 +94,13 @@ def windkessel(options: WindkesselCommand) -> None:
     folder = options.out or Path("results") / f"fit-{options.data.stem}"
     circuits = [options.circuit, *(names(options.compare) or ())]
     reports: list[CircuitReport] = []
-    with writing(folder):
-        with progress(f"windkessel fit, {', '.join(circuits)}: {options.data.name}") as notify:
-            from valvefsi.fitting.windkessel import fit_windkessel
+    with progress(f"windkessel fit, {', '.join(circuits)}: {options.data.name}") as notify:
+        from valvefsi.fitting.windkessel import fit_windkessel
 
-            settings, waves = _prepared(options, circuits, folder)
-            if waves is not None:
-                reports += [fit_windkessel(waves, name, _of(settings, name), notify) for name in circuits]
-        _show(reports, folder)
+        settings, waves = _prepared(options, circuits, folder)
+        if waves is not None:
+            reports += [fit_windkessel(waves, name, _of(settings, name), notify) for name in circuits]
+    _show(reports, folder)
 
 
 def _prepared(

@@ -9,10 +9,12 @@ from typing import Annotated, Any
 
 import typer
 
-from valvefsi.cli.options import HELP
+from valvefsi.cli.options import HELP, not_a_folder
 from valvefsi.errors import CaseError
 
 mesh = typer.Typer(help="Make meshes.", **HELP)
+
+OutMesh = Annotated[Path, typer.Option("--out", metavar="FILE.msh", help="The mesh.", callback=not_a_folder)]
 
 
 @mesh.callback()
@@ -32,28 +34,27 @@ def valve(
         list[str] | None,
         typer.Option("--set", metavar="KEY=LENGTH", help="Set a length, such as gap=0.5mm. Repeatable."),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE.msh", help="The mesh.")] = Path("valve.msh"),
+    out: OutMesh = Path("valve.msh"),
 ) -> None:
     """Mesh the three leaflets of a valve; writes FILE.msh, FILE.json (quality) and FILE.png."""
     from valvefsi.geometry.leaflets import TYPES
     from valvefsi.geometry.valve import mesh_valve, write_valve
     from valvefsi.geometry.valve_quality import quality
+    from valvefsi.io.folder import replacing, write_text
     from valvefsi.post.plots.valve import outer_faces
     from valvefsi.post.plots.valve import valve as draw
 
     if kind not in TYPES:
         raise CaseError(f"expected one of {', '.join(TYPES)}", key="--type", value=kind)
-    if out.suffix != ".msh" or not out.parent.is_dir():
-        raise CaseError(
-            "expected a name that ends in .msh, in a folder that exists", key="--out", value=str(out)
-        )
+    _check_name(out)
     geometry = TYPES[kind](diameter=_length("--diameter", diameter))
     lengths: dict[str, Any] = _lengths(overrides or [])
     geometry = replace(geometry, **lengths)
     made = mesh_valve(geometry, size=ratio * _length("--h", h), layers=layers, cell=cell)
-    write_valve(out, made)
+    with replacing(out) as temporary:
+        write_valve(temporary, made)
     numbers = quality(geometry, made)
-    out.with_suffix(".json").write_text(json.dumps(numbers, indent=1) + "\n")
+    write_text(out.with_suffix(".json"), json.dumps(numbers, indent=1) + "\n")
     faces, owner = outer_faces(made.facets, len(made.points))
     draw(out.with_suffix(".png"), made.points, faces, owner, title=f"{kind} valve, {diameter}")
     for name, value in numbers.items():
@@ -71,17 +72,28 @@ def import_(
     angle: Annotated[
         float, typer.Option(min=1.0, max=179.0, help="Turn of the normal at which patches part [deg].")
     ] = 40.0,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE.msh", help="The mesh.")] = Path("body.msh"),
+    out: OutMesh = Path("body.msh"),
 ) -> None:
     """Take a leaflet from elsewhere; a closed surface is filled with tetrahedra. Writes FILE.msh in cm."""
     from valvefsi.geometry.importing import import_mesh
+    from valvefsi.io.folder import replacing
 
+    _check_name(out)
     largest = None if size is None else _length("--size", size)
-    numbers = import_mesh(file, out, scale=_length("--unit", unit), size=largest, angle=angle)
+    with replacing(out) as temporary:
+        numbers = import_mesh(file, temporary, scale=_length("--unit", unit), size=largest, angle=angle)
     for name, value in numbers.items():
         shown = ", ".join(map(str, value)) if isinstance(value, list) else value
         typer.echo(f"{name:12s} {shown}")
     typer.echo(f"written: {out}")
+
+
+def _check_name(out: Path) -> None:
+    """Refuse a name that no mesh is written to."""
+    if out.suffix != ".msh" or not out.parent.is_dir():
+        raise CaseError(
+            "expected a name that ends in .msh, in a folder that exists", key="--out", value=str(out)
+        )
 
 
 def _length(key: str, text: str) -> float:

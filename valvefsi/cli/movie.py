@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from valvefsi.cli.options import not_a_folder
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
@@ -51,7 +52,10 @@ def movie(
     field: Annotated[str, typer.Option("--field", help="What is shown, such as vorticity.")] = "speed",
     fps: Annotated[int, typer.Option("--fps", min=1, max=60, help="Frames a second.")] = 20,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="The movie, .mp4 (needs ffmpeg) or .gif.")
+        Path | None,
+        typer.Option(
+            "--out", metavar="FILE", help="The movie, .mp4 (needs ffmpeg) or .gif.", callback=not_a_folder
+        ),
     ] = None,
 ) -> None:
     """Make a movie of the fluid in a plane with the solids over it; no display is needed."""

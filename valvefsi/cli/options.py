@@ -7,9 +7,32 @@ from typing import Annotated, Any
 
 import typer
 
+from valvefsi.errors import CaseError
+
 HELP: dict[str, Any] = {"no_args_is_help": True, "context_settings": {"help_option_names": ["-h", "--help"]}}
 
-Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder of the results.")]
+
+def _folder(path: Path | None) -> Path | None:
+    """Refuse a folder of results where a file stands, before any work."""
+    if path is not None:
+        there = next((p for p in (path, *path.parents) if p.exists()), path)
+        if there.exists() and not there.is_dir():
+            what = "this is a file" if there == path else f"{there} is a file"
+            raise CaseError(f"{what}, expected a folder", key="--out", value=str(path))
+    return path
+
+
+def not_a_folder(path: Path | None) -> Path | None:
+    """Refuse a file of results where a folder stands, before any work."""
+    if path is not None and path.is_dir():
+        raise CaseError("this is a folder, expected the name of a file", key="--out", value=str(path))
+    return path
+
+
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Folder of the results.", callback=_folder),
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint in the folder.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a run that the folder holds.")]
 AllowChange = Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from valvefsi.cli.movie import Cut, read_plane
 from valvefsi.cli.options import Out, Trust
+from valvefsi.errors import CaseError
 
 
 def plot(
@@ -22,7 +24,8 @@ def plot(
         str | None, typer.Option("--field", help="What is shown, such as J or 'von Mises stress'.")
     ] = None,
     t: Annotated[
-        float | None, typer.Option("--time", help="Time of a series [s]; the last one if left out.")
+        float | None,
+        typer.Option("--time", help="Time of a series [s], the nearest there is; the last if left out."),
     ] = None,
     fibres: Annotated[
         bool, typer.Option("--fibres", help="Draw the fibre fields of a case file instead; nothing is run.")
@@ -34,6 +37,8 @@ def plot(
     """Draw every deformed solid in a folder of results, a plane of its fluid, or the fibres of a case."""
     from mpi4py import MPI
 
+    if t is not None and not math.isfinite(t):
+        raise CaseError("expected a finite time", key="--time", value=t)
     if fibres:
         _draw_fibres(folder, out if out is not None else Path(), trust)
         return
@@ -43,25 +48,30 @@ def plot(
         where = out if out is not None else folder
         typer.echo(str(draw_plane(folder, where, plane=read_plane(cut), field=field or "speed", t=t)))
         return
-    from valvefsi.post.plots.solid import can_render, draw_folder
+    from valvefsi.post.plots.solid import can_render, draw_bodies
 
     if MPI.COMM_WORLD.rank != 0:
         return
-    made = draw_folder(folder, out if out is not None else folder, field=field, t=t)
+    bodies = draw_bodies(folder, out if out is not None else folder, field=field, t=t)
+    made = [path for path, _ in bodies]
     if field is None and t is None:
         made = [*made, *_draw_valve(folder, out if out is not None else folder, trust)]
-    if not can_render() and made:
+    if any(body.dim == 3 for _, body in bodies) and not can_render():
         typer.echo("pyvista or EGL is missing: bodies in space are drawn by matplotlib")
     for path in made:
         typer.echo(str(path))
 
 
 def _is_of_fluid(folder: Path, field: str | None) -> bool:
-    """Whether a field is one that only the fluid of a run has."""
+    """Whether a field is one that only the fluid of a run has; nothing is its speed where there are no solids."""
     from valvefsi.post.plots.slice import DERIVED
 
     known = {*DERIVED, "pressure", "mean_pressure", "turbulence_kinetic_energy"}
-    return field in known and (folder / "paraview" / "fluid.pvd").is_file()
+    series = (folder / "paraview" / "fluid.pvd").is_file()
+    if field is None:
+        return series and not any(folder.rglob("*.vtu"))
+    averaged = field.startswith("mean_velocity_")
+    return (field in known or averaged) and (series or (folder / "case.toml").is_file())
 
 
 def _draw_valve(folder: Path, out: Path, trust: bool) -> list[Path]:
@@ -70,7 +80,6 @@ def _draw_valve(folder: Path, out: Path, trust: bool) -> list[Path]:
         return []
     from valvefsi.case import load_case
     from valvefsi.case.valve_report import draw_valve, has_valve
-    from valvefsi.errors import CaseError
 
     try:
         case = load_case(folder / "case.toml", trust=trust)

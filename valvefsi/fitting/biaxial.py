@@ -20,6 +20,7 @@ from valvefsi.fitting.least_squares import Fit, Notify, fit
 from valvefsi.fitting.planar_hgo import HGO
 from valvefsi.fitting.planar_stability import Stability, stability
 from valvefsi.fitting.report import Report, assess, measures, number, sha256, toml
+from valvefsi.io.folder import write_text
 from valvefsi.types import Array
 
 MODELS = ("hgo", "lee_sacks", "fung", "may_newman_yin", "neo_hookean", "mooney_rivlin")
@@ -87,7 +88,7 @@ class BiaxialFit:
 
         folder = Path(out)
         self.report.write(folder)
-        (folder / "material.toml").write_text(self.material_toml(), encoding="utf-8")
+        write_text(folder / "material.toml", self.material_toml())
         draw_fit(folder / "fit.png", self)
         return folder
 

@@ -19,6 +19,7 @@ from valvefsi.fitting import uncertainty
 from valvefsi.fitting.least_squares import Fit, Notify
 from valvefsi.fitting.profiles import Profile, profiles
 from valvefsi.fitting.uncertainty import ALIKE, Bootstrap, HeldOut, Linear
+from valvefsi.io.folder import write_text
 from valvefsi.types import Array
 
 PACKAGES = ("numpy", "scipy")
@@ -325,7 +326,7 @@ def number(value: float | None) -> str:
 def write_json(path: Path, data: Any) -> Path:
     """Write JSON; numbers that are not finite become null."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(plain(data), indent=2) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(plain(data), indent=2) + "\n")
     return path
 
 

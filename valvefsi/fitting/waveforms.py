@@ -19,6 +19,7 @@ import numpy as np
 from valvefsi.errors import CaseError
 from valvefsi.fitting.record_table import Table, is_statistic, read_table
 from valvefsi.fitting.report import sha256
+from valvefsi.io.folder import write_text
 from valvefsi.types import Array, Indices
 from valvefsi.units import KILOPASCAL, LITRE_PER_MINUTE, MILLILITRE, MMHG, PASCAL, PLAUSIBLE
 
@@ -210,7 +211,7 @@ def write_waveforms(waves: Waveforms, path: Path, header: Iterable[str] = ()) ->
     lines = [*(f"# {line}" for line in header), ",".join(names)]
     lines += [",".join(f"{value:.10g}" for value in row) for row in zip(*table, strict=True)]
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(lines) + "\n")
     return path
 
 

@@ -32,6 +32,7 @@ from valvefsi.fitting.windkessel_models import (
     Simulator,
     find_circuit,
 )
+from valvefsi.io.folder import write_text
 from valvefsi.types import Array, Indices
 from valvefsi.units import MMHG
 
@@ -114,7 +115,7 @@ class CircuitReport(Report):
         about = {**self.waves.origin, **self.extra["norms_over_time"]}
         about |= {f"verdict_{name}": entry["verdict"] for name, entry in self.parameters().items()}
         text = circuit_text(self.model, self.fit.named, self.start, about)
-        (path.parent / "circuit.toml").write_text(text, encoding="utf-8")
+        write_text(path.parent / "circuit.toml", text)
         draw_fit(self, path.parent)
         return path
 

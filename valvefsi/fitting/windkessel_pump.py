@@ -17,6 +17,7 @@ from valvefsi.fitting.waveforms import Waveforms, write_waveforms
 from valvefsi.fitting.windkessel import circuit_text
 from valvefsi.fitting.windkessel_models import SIZES, find_circuit
 from valvefsi.fitting.windkessel_pictures import draw_pump
+from valvefsi.io.folder import write_text
 from valvefsi.types import Array
 from valvefsi.units import MMHG
 
@@ -99,7 +100,7 @@ class PumpReport:
         start = {"p_via": float(self.pump.p_via[0] / MMHG)} if self.circuit.C_VIA else {}
         about = {"derived": "p_pump, see pump.csv", "roundtrip_mmHg": self.roundtrip}
         text = circuit_text(CIRCUIT, self.parameters, start, {**self.measured.origin, **about})
-        (out / "circuit.toml").write_text(text + '\n[pump]\nfile = "pump.csv"\n', encoding="utf-8")
+        write_text(out / "circuit.toml", text + '\n[pump]\nfile = "pump.csv"\n')
         draw_pump(self, out)
         return write_json(out / "fit.json", self.as_dict())
 

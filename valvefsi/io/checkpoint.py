@@ -17,7 +17,7 @@ import os
 import re
 import warnings
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -194,7 +194,7 @@ def list_checkpoints(directory: Path) -> list[Path]:
     return [path for _, path in sorted((int(match[1]), path) for match, path in found if match)]
 
 
-def newest_meta(directory: Path, comm: MPI.Comm) -> dict[str, object] | None:
+def newest_meta(directory: Path, comm: MPI.Comm) -> dict[str, Any] | None:
     """Return what the newest file with a readable header was given as meta, None where there is none (collective)."""
     meta = None
     if comm.rank == 0:
@@ -300,25 +300,31 @@ def _write(
     path: Path, header: bytes, parts: Mapping[str, _Part], offsets: Mapping[str, int], comm: MPI.Comm
 ) -> None:
     """Write the file on all ranks together and force it to the disk."""
-    error = None
+    error: OSError | None = None
     try:
         file = MPI.File.Open(cast(MPI.Intracomm, comm), str(path), MPI.MODE_CREATE | MPI.MODE_WRONLY)
     except MPI.Exception as failure:
         raise_together(comm, OSError(f"cannot write {path}: {failure}"))
     raise_together(comm, None)
-    try:
-        if comm.rank == 0:
-            file.Write_at(0, header)
-        for name, part in parts.items():
-            kind = part.file_type().Commit()
-            file.Set_view(offsets[name], MPI.UINT64_T, kind)
-            file.Write_all([part.words, part.words.size, MPI.UINT64_T])
-            kind.Free()
-        file.Sync()
-    except MPI.Exception as failure:
-        error = OSError(f"cannot write {path}: {failure}")
-    file.Close()
-    if comm.rank == 0 and error is not None:
+
+    def attempt(call: Callable[..., object], *arguments: object) -> None:
+        nonlocal error
+        try:
+            call(*arguments)
+        except MPI.Exception as failure:
+            error = error or OSError(f"cannot write {path}: {failure}")
+
+    # A rank that cannot write goes on with the others to the end: they would wait for it for ever.
+    if comm.rank == 0:
+        attempt(file.Write_at, 0, header)
+    for name, part in parts.items():
+        kind = part.file_type().Commit()
+        attempt(file.Set_view, offsets[name], MPI.UINT64_T, kind)
+        attempt(file.Write_all, [part.words, part.words.size, MPI.UINT64_T])
+        kind.Free()
+    attempt(file.Sync)
+    attempt(file.Close)
+    if comm.allreduce(error is not None, op=MPI.LOR) and comm.rank == 0:
         path.unlink(missing_ok=True)
     raise_together(comm, error)
 

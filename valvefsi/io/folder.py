@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import json
 import os
+import re
 import socket
 import time
 import warnings
@@ -23,14 +24,39 @@ LOCK = ".lock"
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a name to write to, of the same ending; the file gets its own name when it is complete."""
+    """Give a name to write to, of the same ending; the file gets its own name when it is complete.
+
+    What a process that was killed has left under such a name is removed.
+    """
     path = Path(path)
+    _remove_torn(path)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         yield temporary
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _remove_torn(path: Path) -> None:
+    """Remove what processes that are no more have begun to write for a file."""
+    pattern = re.compile(rf"\.{re.escape(path.stem)}\.(\d{{1,18}}){re.escape(path.suffix)}")
+    with contextlib.suppress(OSError):
+        for entry in path.parent.iterdir():
+            writer = pattern.fullmatch(entry.name)
+            if writer and not _runs(int(writer[1])):
+                entry.unlink()
+
+
+def _runs(process: int) -> bool:
+    """Whether there is such a process on this host."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def write_text(path: Path, text: str) -> None:

@@ -25,7 +25,10 @@ class History:
         columns: Names of the columns with their units, the first one is "step".
         comm: Communicator of the run.
         resume_step: Step of the checkpoint that the run goes on from: later rows, and a row that was not
-            written to its end, are dropped.
+            written to its end, are dropped. One that is missing begins anew, with a warning.
+
+    Attributes:
+        last: Step of the last row that it began with, None where it has none.
 
     Raises:
         CaseError: The file to go on with has other columns.
@@ -39,6 +42,7 @@ class History:
         self, path: Path, columns: Sequence[str], comm: MPI.Comm, resume_step: int | None = None
     ) -> None:
         self.path, self.columns, self.comm = Path(path), tuple(columns), comm
+        self.last: float | None = None
         if self.columns[:1] != ("step",):
             raise ValueError(f"the first column of a history is 'step', not {self.columns[:1]}")
         error = None
@@ -48,6 +52,7 @@ class History:
         except (OSError, CaseError) as failure:
             error = failure
         raise_together(comm, error)
+        self.last = comm.bcast(self.last)
 
     def append(self, row: Mapping[str, float]) -> None:
         """Append a row, one value for each column, and hand it to the operating system.
@@ -70,12 +75,16 @@ class History:
     def _start(self, resume_step: int | None) -> None:
         """Write the heading and the rows that stay, in one go."""
         rows: list[list[str]] = []
-        if resume_step is not None and self.path.exists():
+        if resume_step is not None and not self.path.exists():
+            lost = f"{self.path} is missing: its rows up to step {resume_step} are lost, it begins anew there"
+            warnings.warn(lost, stacklevel=2)
+        elif resume_step is not None:
             columns, rows = _read_rows(self.path)
             if columns and columns != self.columns:
                 found = ", ".join(columns)
                 raise CaseError(f"cannot go on with this history, its columns are {found}", file=self.path)
             rows = [row for row in rows if float(row[0]) <= resume_step]
+        self.last = float(rows[-1][0]) if rows else None
         self.path.parent.mkdir(parents=True, exist_ok=True)
         temporary = self.path.with_name(f".{self.path.name}.part")
         with temporary.open("w", newline="") as file:

@@ -8,7 +8,6 @@ moment.
 from __future__ import annotations
 
 import math
-import os
 import sys
 import warnings
 import xml.etree.ElementTree as ET
@@ -298,8 +297,14 @@ class _Index:
                 warnings.warn(
                     f"{self.path} was cut off; it goes on after {len(self.entries)} times", stacklevel=2
                 )
+        elif resume_time is not None and any(self.folder.glob(f"{self.folder.name}_*")):
+            lost = f"{self.path} is missing: without its times the frames in {self.folder.name} are lost"
+            warnings.warn(f"{lost}, the series begins anew", stacklevel=2)
         kept = {Path(file).stem for _, file in self.entries}
         for path in self.folder.iterdir():
+            if path.name.startswith(f".{self.folder.name}_") and path.is_file():
+                path.unlink()  # begun by a run that was killed
+                continue
             stem = path.stem[: len(self.folder.name) + 7]
             if stem.startswith(f"{self.folder.name}_") and stem not in kept and path.is_file():
                 path.unlink()
@@ -363,7 +368,7 @@ def _pretty(root: ET.Element) -> bytes:
 
 
 def _replace(path: Path, content: bytes) -> None:
-    """Write a file under another name, then give it its own."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    """Write a file under another name, then give it its own; one run holds the folder."""
+    temporary = path.with_name(f".{path.name}")
     temporary.write_bytes(content)
     temporary.replace(path)

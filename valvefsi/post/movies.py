@@ -182,7 +182,11 @@ def bodies_at(folder: Path, t: float) -> list[Body]:
 def _plane(grid: GridFields, plane: Plane | None) -> Plane:
     if plane is None and grid.dim == 3:
         raise CaseError("a run in space needs a plane, such as z=0", key="--slice")
-    return plane if plane is not None and grid.dim == 3 else Plane(axis=2, position=0.0)
+    if plane is not None and grid.dim == 2:
+        where = f"{'xyz'[plane.axis]}={plane.position:g} cm"
+        message = "a run in two dimensions is drawn whole, leave this out"
+        raise CaseError(message, key="--slice", value=where)
+    return plane or Plane(axis=2, position=0.0)
 
 
 def _place(grid: GridFields, plane: Plane, end: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from valvefsi.fsi import Model, State
 from valvefsi.io import checkpoint
 from valvefsi.run.energy import EnergyMeter
 from valvefsi.run.forces import ForceMeter
+from valvefsi.run.health import Health
 from valvefsi.run.recording import Output, grid_part
 from valvefsi.run.statistics import Statistics
 
@@ -28,17 +29,22 @@ class Memory:
         statistics: Running averages.
         forces: Forces between rows.
         energy: Balance of energy.
+        health: What was warned of.
+        recoveries: Returns to an earlier state, see `valvefsi.run.simulation.Outcome`.
     """
 
     statistics: Statistics
     forces: ForceMeter
     energy: EnergyMeter
+    health: Health
+    recoveries: list[dict[str, object]] = field(default_factory=list)
 
 
 def memory_of(model: Model, output: Output) -> Memory:
     """Return the memory of a run that begins."""
     statistics = Statistics(model.grid, start=output.averages_from, lines=output.lines)
-    return Memory(statistics, ForceMeter(model, output.forces), EnergyMeter(model, output.energy))
+    meters = ForceMeter(model, output.forces), EnergyMeter(model, output.energy)
+    return Memory(statistics, *meters, Health(model))
 
 
 def save_state(model: Model, state: State, output: Output, memory: Memory, *, finished: bool = False) -> Path:
@@ -63,6 +69,7 @@ def save_state(model: Model, state: State, output: Output, memory: Memory, *, fi
     meta["given"] = state.given.tolist()
     meta["statistics"] = statistics.meta()
     meta["forces"], meta["energy"] = memory.forces.meta(), memory.energy.meta()
+    meta["warnings"], meta["recoveries"] = memory.health.report(), memory.recoveries
     meta["provenance"] = dict(output.provenance)
     folder = output.directory / "checkpoints"
     return checkpoint.save(folder, state.step, fields, rows, meta, grid.comm, keep=output.keep_checkpoints)
@@ -86,6 +93,8 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     statistics.restore({name: fields[name] for name in averages}, meta.get("statistics", {}))
     memory.forces.restore(meta.get("forces"))
     memory.energy.restore(meta.get("energy"))
+    memory.health.restore(meta.get("warnings", ()))
+    memory.recoveries[:] = meta.get("recoveries", ())
     arrays = {name: grid.zeros() for name in places}
     for name, place in places.items():
         arrays[name][place] = fields[name]

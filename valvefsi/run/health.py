@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from valvefsi.bodies.elastic_plan import LONGEST_GAP
@@ -48,3 +49,7 @@ class Health:
     def report(self) -> list[dict[str, object]]:
         """Return what was warned of, for ``summary.json``."""
         return [{"solid": name} | warning for name, warning in self.warned.items()]
+
+    def restore(self, report: Iterable[Mapping[str, Any]]) -> None:
+        """Go on from what `report` was, so that nothing is warned of twice."""
+        self.warned = {one["solid"]: {k: v for k, v in one.items() if k != "solid"} for one in report}

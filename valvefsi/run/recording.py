@@ -236,6 +236,13 @@ class Recorder:
             self.series = [body.series(folder, comm, time) for body in model.bodies]
             self.stresses = StressRecorder(model, output, resume)
 
+    def reopen(self, state: State, *, finished: bool) -> None:
+        """Begin a history that is lost with the state that a run goes on from, and end one with it. Collective."""
+        if finished and (self.history.last is None or self.history.last < state.step):
+            self.append(self.row(state), state)
+        elif self.history.last is None:
+            self.history.append(self.row(state))
+
     def append(self, row: dict[str, float], state: State) -> None:
         """Append a row to the history, and take averages, forces and energies on from it. Collective."""
         self.history.append(row)

@@ -4,8 +4,30 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
+from valvefsi.errors import CaseError
 from valvefsi.fsi import State
+
+
+def check_end(t: float, dt: float, t_end: float, file: Path | None = None) -> None:
+    """Refuse an end that a run has passed: what was asked for can no longer be computed.
+
+    Args:
+        t: Time of the checkpoint that a run goes on from [s].
+        dt: Its last step [s]; a run with fixed steps may end half a step late.
+        t_end: End that is asked for [s].
+        file: The case.
+
+    Raises:
+        CaseError: The time lies after the end.
+    """
+    if t > t_end + 0.5 * dt * (1.0 + 1e-9):
+        message = (
+            f"the checkpoint is of t = {t:.9g} s, after this end of {t_end:.9g} s; nothing is run: ask for a later "
+            "end, or start a new run"
+        )
+        raise CaseError(message, file=file, key="time.t_end")
 
 
 @dataclass(frozen=True, kw_only=True)

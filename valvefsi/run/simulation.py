@@ -22,9 +22,8 @@ from valvefsi.io.checkpoint import list_checkpoints
 from valvefsi.post import diagnostics
 from valvefsi.run.checkpoints import load_state, memory_of, refuse_to_overwrite, save_state
 from valvefsi.run.disk import warn_of_disk
-from valvefsi.run.health import Health
 from valvefsi.run.recording import Output, Recorder, box_of
-from valvefsi.run.schedule import AdaptiveSchedule, Schedule
+from valvefsi.run.schedule import AdaptiveSchedule, Schedule, check_end
 from valvefsi.run.stable_step import stable_step
 from valvefsi.runtime.clock import Timed
 from valvefsi.runtime.memory import keep_freed_memory
@@ -43,7 +42,8 @@ class Outcome:
         steps: Steps taken in this run, without those before a restart.
         wall_s: Wall-clock time of these steps [s].
         phases: Wall-clock time on rank 0 by phase [s].
-        recoveries: Each return to an earlier state: time it failed at and went back to, next step, reason.
+        recoveries: Each return to an earlier state: time it failed at and went back to, next step, reason. These and
+            the warnings are of the whole run, those before a restart included.
         warnings: What was warned of during the run, see `valvefsi.run.health`.
     """
 
@@ -89,8 +89,7 @@ class Simulation:
         self.initial = initial
         self.memory = memory_of(model, output)
         self.phases: dict[str, float] = defaultdict(float)
-        self.recoveries: list[dict[str, object]] = []
-        self.health = Health(model)
+        self.earlier = 0
 
     def run(self, *, resume: bool = False, progress: Progress | None = None) -> Outcome:
         """Run to the end, or until something is wrong.
@@ -112,12 +111,14 @@ class Simulation:
         keep_freed_memory()
         state = self._first_state(resume)
         warn_of_disk(self.model, self.output, self.schedule.num_steps)
-        first = state.step
+        first, self.earlier = state.step, len(self.memory.recoveries)
         try:
             memory, before = self.memory, state if resume else None
             meters = (memory.forces, memory.energy)
             recorder = Recorder(self.model, self.output, memory.statistics, meters, before)
-            if not resume:
+            if resume:
+                recorder.reopen(state, finished=self.schedule.finished(state))
+            else:
                 self._record(recorder, None, state)
             started = time.perf_counter()
             with _signals() as received:
@@ -133,8 +134,8 @@ class Simulation:
             steps=state.step - first,
             wall_s=max(wall, 1e-9),
             phases=dict(self.phases),
-            recoveries=tuple(self.recoveries),
-            warnings=tuple(self.health.report()),
+            recoveries=tuple(self.memory.recoveries),
+            warnings=tuple(self.memory.health.report()),
         )
 
     def _safe(self) -> str:
@@ -173,6 +174,7 @@ class Simulation:
         if state is None:
             folder = self.output.directory / "checkpoints"
             raise CaseError("there is no whole checkpoint to resume from", file=folder)
+        check_end(state.t, state.dt, self.schedule.t_end)
         return state
 
     def _march(
@@ -241,7 +243,7 @@ class Simulation:
             row = recorder.row(state)
             self._check_bodies(row, state)
             if self._row_due(state):
-                self.health.look(state)
+                self.memory.health.look(state)
                 recorder.append(row, state)
             if old is None or self._frame_due(old, state):
                 recorder.frame(state)
@@ -292,10 +294,11 @@ class Simulation:
     ) -> tuple[State, float, int]:
         """Return the last good state, its rate and how often to halve the next step; or give up."""
         state, rate = good
-        if len(self.recoveries) >= self.schedule.max_recoveries:
+        recoveries = self.memory.recoveries
+        if len(recoveries) - self.earlier >= self.schedule.max_recoveries:
             raise self._explained(error, state) from None
         dt = self.schedule.next_dt(state, rate) * 0.5**retries
-        self.recoveries.append({"t_s": state.t, "step": state.step, "dt_s": dt, "reason": str(error)})
+        recoveries.append({"t_s": state.t, "step": state.step, "dt_s": dt, "reason": str(error)})
         return state, rate, retries
 
     def _explained(self, error: StabilityError, good: State) -> StabilityError:

@@ -11,6 +11,7 @@ import numpy as np
 
 from valvefsi.fsi import State
 from valvefsi.grid import Array, MacGrid
+from valvefsi.io.folder import replacing
 from valvefsi.io.paraview import FluidSeries
 from valvefsi.post import diagnostics
 from valvefsi.post.diagnostics import Averages
@@ -93,7 +94,7 @@ class Statistics:
             if grid.comm.rank == 0:
                 folder = directory / "profiles"
                 folder.mkdir(parents=True, exist_ok=True)
-                with (folder / f"{name}.csv").open("w", newline="") as file:
+                with replacing(folder / f"{name}.csv") as path, path.open("w", newline="") as file:
                     writer = csv.writer(file)
                     writer.writerow(columns)
                     writer.writerows(zip(*columns.values(), strict=True))

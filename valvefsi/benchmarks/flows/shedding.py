@@ -14,6 +14,7 @@ from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, R, Record, Report
 from valvefsi.benchmarks.results import row
 from valvefsi.grid import Array
+from valvefsi.io.folder import replacing
 
 LABELS = {"drag": "mean drag", "lift": "amplitude of lift", "strouhal": "Strouhal number"}
 Band = tuple[float, float]
@@ -66,7 +67,8 @@ class Shedding(Benchmark[R, None]):
         forces, title = r["_forces"], f"Cylinder at Re {reynolds:g}, {self.mesh_of(r)}"
         curves = (forces.t, forces.drag, forces.lift)
         columns = np.stack(curves, axis=1)[:: max(1, len(forces.t) // 5000)]
-        np.savetxt(out / "forces.csv", columns, delimiter=",", comments="", header="t,drag,lift")
+        with replacing(out / "forces.csv") as path:
+            np.savetxt(path, columns, delimiter=",", comments="", header="t,drag,lift")
         draw(out / "forces.png", curves, {key: band for key, (band, _) in self.bands.items()}, title=title)
 
 

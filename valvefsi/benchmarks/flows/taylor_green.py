@@ -25,6 +25,7 @@ from valvefsi.errors import StabilityError
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import SIDES, Boundary, FreeSlip
 from valvefsi.grid import Array, MacGrid
+from valvefsi.io.folder import replacing
 from valvefsi.post import diagnostics
 from valvefsi.verification.norms import normalised_difference
 
@@ -99,7 +100,8 @@ class TaylorGreen(Single):
 
         curves = (c.t, c.energy, c.loss, c.resolved)
         header = "t,energy,loss,resolved"
-        np.savetxt(out / "decay.csv", np.stack(curves, axis=1), delimiter=",", comments="", header=header)
+        with replacing(out / "decay.csv") as path:
+            np.savetxt(path, np.stack(curves, axis=1), delimiter=",", comments="", header=header)
         rows = upto(c.t[-1]) if self.published("reynolds") else None
         dns = None if rows is None else (rows.t, rows.energy, rows.loss)
         name = (

@@ -23,6 +23,7 @@ from valvefsi.benchmarks.studies.kernel_problems import PROBLEMS, StudyProblem, 
 from valvefsi.benchmarks.studies.kernel_rules import Rule, rules, sound
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.errors import CaseError
+from valvefsi.io.folder import replacing
 
 SHORT = {"piecewise_linear": "PWL"}
 KEYS = ("error_percent", "change_percent", "J_spread", "u_max_cm_s")
@@ -174,7 +175,7 @@ class Kernels(Benchmark[One, dict[str, float]]):
 
 def write_table(path: Path, lines: Sequence[Record]) -> None:
     """Write the lines as CSV; numbers keep all their digits, what is not known is empty."""
-    with path.open("w", newline="") as file:
+    with replacing(path) as temporary, temporary.open("w", newline="") as file:
         table = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
         table.writeheader()
         table.writerows(lines)

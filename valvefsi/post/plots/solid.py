@@ -92,10 +92,18 @@ def draw_folder(folder: Path, out: Path, *, field: str | None = None, t: float |
     Raises:
         CaseError: There is nothing to draw, or no such field.
     """
+    return [path for path, _ in draw_bodies(folder, out, field=field, t=t)]
+
+
+def draw_bodies(
+    folder: Path, out: Path, *, field: str | None = None, t: float | None = None
+) -> list[tuple[Path, Body]]:
+    """Do what `draw_folder` does; return the pictures, each with what it shows."""
     folder, out = Path(folder), Path(out)
     out = out.parent if out.suffix in (".vtu", ".pvd") else out
     found = [folder] if folder.is_file() else sorted(folder.rglob("*.pvd")) + sorted(folder.glob("*.vtu"))
-    made, without = [], None
+    made: list[tuple[Path, Body]] = []
+    without = None
     for path in found:
         when, file = _at_time(path, t) if path.suffix == ".pvd" else (None, path)
         if file is None or file.suffix != ".vtu":
@@ -108,12 +116,22 @@ def draw_folder(folder: Path, out: Path, *, field: str | None = None, t: float |
             continue
         name = "".join(c if c.isalnum() else "_" for c in str(body.shown).split(" [")[0])
         caption = file.name if when is None else f"t = {when:.6g} s"
-        made.append(deformed(out / f"{path.stem}_{name}.png", body, title=path.stem, caption=caption))
+        picture = out / f"{path.stem}_{name}.png"
+        made.append((deformed(picture, body, title=path.stem, caption=caption), body))
     if not made and without is not None:
         raise without
     if not made:
-        raise CaseError("no solids here: expected .vtu files or a .pvd series of them", file=folder)
+        raise CaseError(_nothing_in(folder), file=folder)
     return made
+
+
+def _nothing_in(folder: Path) -> str:
+    """Say why nothing of a folder or a file is drawn."""
+    if folder.suffix == ".toml":
+        return "this is a case, nothing of it is drawn but its fibres, with --fibres"
+    if folder.suffix == ".pvd":
+        return "no solids here; a series of the fluid is drawn from the folder of its run, with --field speed"
+    return "no solids here: expected .vtu files or a .pvd series of them, as a run writes with output.frames"
 
 
 def _at_time(path: Path, t: float | None) -> tuple[float | None, Path | None]:
