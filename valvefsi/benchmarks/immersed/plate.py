@@ -202,14 +202,15 @@ class Plate(Benchmark[Case, None]):
         schedule = self._schedule(model, plate, 2.0 * math.pi / exact.imag)
         initial, amplitude = self._released(run, model, solid, schedule.dt)
         output = self._output(run, job, schedule, amplitude)
-        found, misfit = decay(completed(Simulation(model, schedule, output, initial), job), exact)
-        ratio = found.imag / exact.imag
+        found = decay(completed(Simulation(model, schedule, output, initial), job), exact)
+        ratio = found.s.imag / exact.imag
         record = {
             "frequency_ratio": ratio,
-            "damping": -found.real / found.imag,
+            "damping": -found.s.real / found.s.imag,
             "exact_damping": -exact.real / exact.imag,
             "potential_ratio": exact.imag / plate.potential_frequency(),
-            "misfit": misfit,
+            "rest": found.rest,
+            "misfit": found.misfit,
             "dragged": (plate.thickness + 2.0 / plate.wave_number) * (ratio**-2 - 1.0) / discrete.h,
             "steps": schedule.num_steps,
         }
@@ -300,23 +301,46 @@ def _lines(r: Record) -> list[Row]:
         row(f"frequency, thickness {t}", r["frequency_ratio"], 1.0, source),
         row("  damping ratio", r["damping"], r["exact_damping"], f"exact wave{damping}"),
         row("  fluid dragged, as thickness", r["dragged"], unit="h"),
+        row("  it swings about, over the first bend", r["rest"], 0.0, "flat", relative=False),
     ]
 
 
-def decay(history: History, near: complex) -> tuple[complex, float]:
-    """Return s of a decaying oscillation fitted from a quarter of its period on, and the largest misfit over its size.
+@dataclass(frozen=True, kw_only=True)
+class Decay:
+    """A decaying oscillation, c + a exp(s t), as its real part.
+
+    Attributes:
+        s: Complex rate [1/s].
+        rest: Position c that it swings about, over its first value.
+        misfit: Largest distance of the history from it, over the first value.
+    """
+
+    s: complex
+    rest: float
+    misfit: float
+
+
+def decay(history: History, near: complex) -> Decay:
+    """Return the oscillation that fits a history from a quarter of its period on.
 
     Args:
         history: Columns ``t_s`` and ``amplitude_cm``.
         near: A value near s [1/s].
     """
-    t, a = history["t_s"], history["amplitude_cm"] / np.abs(history["amplitude_cm"]).max()
+    t, a = history["t_s"], history["amplitude_cm"] / history["amplitude_cm"][0]
     late = t > 0.5 * math.pi / near.imag
 
-    def shape(t: Array, c: float, d: float, damping: float, omega: float) -> Array:
-        wave: Array = np.exp(-damping * t) * (c * np.cos(omega * t) + d * np.sin(omega * t))
+    def shape(t: Array, rest: float, c: float, d: float, damping: float, omega: float) -> Array:
+        wave: Array = rest + np.exp(-damping * t) * (c * np.cos(omega * t) + d * np.sin(omega * t))
         return wave
 
-    fit, _ = curve_fit(shape, t[late], a[late], p0=[1.0, 0.0, -near.real, near.imag])
-    misfit = float(np.abs(shape(t[late], *fit) - a[late]).max())
-    return complex(-fit[2], fit[3]), misfit
+    swings = np.abs(np.fft.rfft(a - a.mean()))
+    omega = near.imag if swings.argmax() < 2 else 2.0 * math.pi * swings.argmax() / t[-1]
+    starts = [
+        [0.0, 1.0, 0.0, -near.real, near.imag],
+        [float(a.mean()), float(1.0 - a.mean()), 0.0, 0.0, omega],
+    ]
+    fits = [curve_fit(shape, t[late], a[late], p0=start, maxfev=5000)[0] for start in starts]
+    misfits = [float(np.abs(shape(t[late], *fit) - a[late]).max()) for fit in fits]
+    fit = fits[int(np.argmin(misfits))]
+    return Decay(s=complex(-fit[3], abs(fit[4])), rest=float(fit[0]), misfit=min(misfits))
