@@ -166,7 +166,7 @@ def _root(function: Callable[[complex], complex], start: complex) -> complex:
     a, b = start, start * (1.0 + 1e-3j)
     fa, fb = function(a), function(b)
     for _ in range(60):
-        if fa == fb or abs(b - a) < 1e-10 * abs(b):
+        if fa == fb or abs(b - a) < 1e-7 * abs(b):
             return b
         a, b, fa = b, b - fb * (b - a) / (fb - fa), fb
         fb = function(b)
