@@ -92,8 +92,8 @@ def _thin_warnings(kernel: str, thickness: float) -> list[str]:
     texts = []
     if thickness < THINNEST:
         texts.append(
-            f"it is {thickness:.2f} h thick; bending was measured down to {THINNEST:g} h, where a load bends a plate within "
-            "1 % of what it should and waves 16 h long are 10 % slow; refine the grid"
+            f"it is {thickness:.2f} h thick; bending was measured down to {THINNEST:g} h, where a load bends a plate "
+            "within 1 % of what it should and waves 16 h long are 10 % slow; refine the grid"
         )
     if thickness < THIN and kernel in STIFF:
         texts.append(

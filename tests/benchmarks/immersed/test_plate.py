@@ -8,8 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from valvefsi.benchmarks.immersed.plate import Plate, decay
+from valvefsi.benchmarks.immersed.plate_model import incompressible_deflection
 from valvefsi.benchmarks.immersed.plate_theory import ImmersedPlate, immersed_wave, kernel_wave
 from valvefsi.errors import CaseError
 
@@ -44,6 +46,14 @@ def test_short_waves_yield_to_shear_as_timoshenko_says():
     expected = plate.potential_frequency() / math.sqrt(shear)
     assert immersed_wave(plate).imag == pytest.approx(expected, rel=0.03)
     assert expected < 0.97 * plate.potential_frequency()
+
+
+def test_a_slender_span_of_incompressible_elements_yields_as_the_closed_form_says():
+    plate = replace(THIN, thickness=1.0)
+    assert incompressible_deflection(plate, 1e-9, MPI.COMM_WORLD) == pytest.approx(
+        1e-9 * plate.yielding(), rel=0.005
+    )
+    assert plate.yielding() == pytest.approx(plate.length**4 / (384.0 * plate.stiffness), rel=0.01)
 
 
 def test_what_the_kernel_adds_falls_with_the_spacing():
