@@ -145,7 +145,7 @@ class Plate(Benchmark[Case, None]):
         """Return the place of a plate; a wave and what it moves need a box as high as long."""
         if run.kind == "wave":
             return place_of(self.length, self.length, 0)
-        return place_of(self.length, max(WIDTH, self.length // 2), self.angle)
+        return place_of(self.length, max(2 * WIDTH, self.length // 2), self.angle)
 
     def theory(self, run: Case) -> ImmersedPlate:
         """Return the plate of a run; its fluid has a Stokes layer of the wave of ``stokes`` spacings."""
