@@ -31,7 +31,7 @@ WIDE = ("ib4", "ib5", "ib6", "bspline6")
 
 THINNEST, THIN = 0.25, 2.0
 """Thickness over h of the thinnest plate whose bending was measured (`bench plate`), and that below which a plate drags
-more fluid than it should: waves 16 h long are 5 to 10 % slow."""
+more fluid than it should: waves 16 h long are 7 to 11 % slow."""
 STIFF = ("piecewise_linear", "composite_bspline32")
 """Kernels linear along or across a component: velocities that they interpolate cannot bend a thin body without
 shearing it."""
@@ -93,7 +93,7 @@ def _thin_warnings(kernel: str, thickness: float) -> list[str]:
     if thickness < THINNEST:
         texts.append(
             f"it is {thickness:.2f} h thick; bending was measured down to {THINNEST:g} h, where a load bends a plate "
-            "within 1 % of what it should and waves 16 h long are 10 % slow; refine the grid"
+            "within 1 % of what it should and waves 16 h long are 11 % slow; refine the grid"
         )
     if thickness < THIN and kernel in STIFF:
         texts.append(

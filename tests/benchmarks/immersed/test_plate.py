@@ -51,7 +51,7 @@ def test_short_waves_yield_to_shear_as_timoshenko_says():
 def test_a_slender_span_of_incompressible_elements_yields_as_the_closed_form_says():
     plate = replace(THIN, thickness=2.0)
     assert incompressible_deflection(plate, 1e-9, MPI.COMM_WORLD) == pytest.approx(
-        1e-9 * plate.yielding(), rel=0.005
+        1e-9 * plate.yielding(), rel=0.01
     )
     assert plate.yielding() == pytest.approx(plate.length**4 / (384.0 * plate.stiffness), rel=0.01)
 

@@ -299,6 +299,7 @@ def _lines(r: Record) -> list[Row]:
     damping = f"; the kernel's theory: {r['kernel_damping']:.4f}" if known else ""
     return [
         row(f"frequency, thickness {t}", r["frequency_ratio"], 1.0, source),
+        row("  the exact wave's frequency over potential theory's", r["potential_ratio"]),
         row("  damping ratio", r["damping"], r["exact_damping"], f"exact wave{damping}"),
         row("  fluid dragged, as thickness", r["dragged"], unit="h"),
         row("  it swings about, over the first bend", r["rest"], 0.0, "flat", relative=False),
