@@ -97,7 +97,7 @@ def _thin_warnings(kernel: str, thickness: float) -> list[str]:
         )
     if thickness < THIN and kernel in STIFF:
         texts.append(
-            f"{kernel} stiffens thin bodies: a plate 0.5 h thick yields 25 to 47 % too little; bspline3 is within 1 %"
+            f"{kernel} stiffens thin bodies: a plate 0.5 h thick yields 23 to 47 % too little; bspline3 is within 1 %"
         )
     return texts
 

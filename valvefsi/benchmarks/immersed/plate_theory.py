@@ -140,7 +140,7 @@ def kernel_wave(plate: ImmersedPlate, *, kernel: str, h: float, edge: float) -> 
 def _waves(height: float, h: float) -> Array:
     """Return the wave numbers across the plate [1/cm]."""
     count = math.ceil(WAVES * height / h)
-    return 2.0 * math.pi / height * np.arange(-count, count + 1)
+    return 2.0 * math.pi / height * np.arange(-count, count + 1, dtype=np.float64)
 
 
 def _hat(wave: Array, h: float) -> Array:
