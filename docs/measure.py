@@ -52,6 +52,10 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
     "shell": ("Shell and membrane at rest", {"": "bench shell"}),
     "sphere": ("Soft sphere in a cavity", {"nodal": "bench sphere-in-cavity"}),
     "tube": ("Flow in a straight tube of held points, R = 12.5 mm, h = 1 mm, over 6 s", {"": "bench tube"}),
+    "plate": (
+        "Plates of solid shells, bspline3, span and wavelength 16 h, nodes half a spacing apart",
+        {"": "bench plate"},
+    ),
     "bending": ("Bending, stretching and twisting of a strip of solid-shell elements", {"": "bench bending"}),
     "cavity": (
         "Lid-driven cavity",

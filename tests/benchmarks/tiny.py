@@ -18,6 +18,7 @@ TINY = {
     "torsion": {"grid": 6, "ratio": 1.3, "overrides": ["t_end=0.01", "angle=0.2"]},
     "cook": {"grid": 12, "overrides": ["t_end=0.1"]},
     "shell": {"grid": 24, "refine": 0, "couplings": ("nodal", "elemental"), "overrides": ["t_end=0.01"]},
+    "plate": {"thickness": (2.0,), "length": 8, "overrides": ["periods=0.5"]},
     "sphere-in-cavity": {"grid": 12, "elements": 2, "steps": 4},
     "disk-in-cavity": {"grid": 12, "refine": 2, "t_end": 0.02},
     "valve-2d": {"cells": 24, "t_end": 0.002},

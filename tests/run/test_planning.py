@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from tests.coupled_case import block_model, coupled, moved, simulation
 from valvefsi import fsi
+from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
+from valvefsi.geometry.shapes import rectangle
+from valvefsi.grid import MacGrid
 from valvefsi.run.planning import plan, step_limits
 from valvefsi.solid.elements.element_points import ElementPoints
+from valvefsi.solid.materials import NeoHookean
+from valvefsi.solid.structure import Structure
+
+WORLD = MPI.COMM_WORLD
 
 
 def largest_speed_after(model, dt, steps=200):
@@ -96,6 +104,26 @@ def test_the_plan_warns_where_a_case_leaves_the_safe_range(shared_tmp, changes, 
         coupling = Coupling(model.grid, kernel)
     run = simulation(shared_tmp, model=coupled(model, coupling))
     notes = [entry.note for entry in plan(run) if entry.quantity == "warning, block"]
+    assert len(notes) == len(warned)
+    for note, start in zip(notes, warned, strict=True):
+        assert note.startswith(start)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "height", "warned"),
+    [
+        ("bspline3", 0.5, []),
+        ("bspline3", 0.2, ["it is 0.20 h thick; bending was measured down to 0.25 h"]),
+        ("piecewise_linear", 0.5, ["piecewise_linear stiffens thin bodies"]),
+        ("composite_bspline32", 0.2, ["it is 0.20 h thick", "composite_bspline32 stiffens thin bodies"]),
+        ("piecewise_linear", 3.0, []),
+    ],
+)
+def test_the_plan_warns_of_bodies_that_the_kernel_keeps_from_bending(kernel, height, warned):
+    grid = MacGrid([0.0] * 2, [64.0] * 2, [64] * 2, [True] * 2, WORLD)
+    mesh = rectangle(WORLD, lower=(2.0, 32.0), size=(60.0, height), elements=(60, 4))
+    body = Elastic(Structure(mesh, NeoHookean(c1=1.0), name="strip"), Coupling(grid, kernel))
+    notes = [entry.note for entry in body.size(grid) if entry.quantity == "warning, strip"]
     assert len(notes) == len(warned)
     for note, start in zip(notes, warned, strict=True):
         assert note.startswith(start)

@@ -56,6 +56,8 @@ Immersed bodies:
     cook | immersed.cook:Cook | Cook's membrane, immersed, against the incompressible statics of the same run.
     shell | immersed.shell:Shell | A thick shell and a closed membrane at rest: pressure and spurious velocity \
         against closed forms.
+    plate | immersed.plate:Plate | A plate thinner than the kernel: deflection at rest and bending waves against \
+        closed forms.
     sphere-in-cavity | immersed.cavity_solids:SphereInCavity | A soft sphere in a lid-driven cavity: volume kept, \
         and the speed of a coupled step.
     disk-in-cavity | immersed.cavity_solids:DiskInCavity | A soft disk in a lid-driven cavity: path and area on \
