@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,6 +58,8 @@ QUADRATURE = 7
 
 Counts = tuple[int, int, int]
 Motion = Callable[["Array", float], "Array"]
+Answer = Callable[..., float]
+"""What is measured: of a strip, elements along, across and through it, their kind, a communicator."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,36 +100,45 @@ class Strip:
         return round(LENGTH / self.edge), 2 * math.ceil(WIDTH / self.edge / 2 - 1e-9), self.layers
 
 
+def answers(strip: Strip) -> dict[str, Answer]:
+    """Return what is measured of a strip by name of its ratio; each takes elements of one kind (collective)."""
+    found: dict[str, Answer] = {"stiffness_ratio": deflection, "stiffness_ratio_90": right_angle}
+    if strip.radius is None:
+        found["membrane_ratio"] = partial(energy_of, motion=pull)
+        found["twist_ratio"] = partial(energy_of, motion=rotation(0.05, **AXIS))
+    return found
+
+
+def reference_counts(name: str) -> Counts:
+    """Return the Taylor-Hood elements that a ratio's reference is computed with."""
+    return TURNED if name == "stiffness_ratio_90" else REFERENCE
+
+
+def ratio_of(name: str, own: float, reference: float) -> float:
+    """Return the ratio of stiffness, solid shell over incompressible; a deflection is the other way round."""
+    return reference / own if name == "stiffness_ratio" else own / reference
+
+
 def ratios(strip: Strip, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, float]:
     """Return the ratios of stiffness, 1 for an element that neither locks nor is too soft (collective)."""
-    shell = SolidShell(kappa=strip.kappa)
-    reference = TaylorHood()
-    found: dict[str, float] = {}
-    fine: tuple[Counts, Formulation | SolidShell] = (REFERENCE, reference)
-    turned: tuple[Counts, Formulation | SolidShell] = (TURNED, reference)
-    own: tuple[Counts, Formulation | SolidShell] = (strip.counts, shell)
-    deflections = [_deflection(strip, *case, comm) for case in (fine, own)]
-    found["stiffness_ratio"] = deflections[0] / deflections[1]
-    pressures = [_right_angle(strip, *case, comm) for case in (turned, own)]
-    found["stiffness_ratio_90"] = pressures[1] / pressures[0]
-    if strip.radius is None:
-        for name, motion in (("membrane_ratio", _pull), ("twist_ratio", rotation(0.05, **AXIS))):
-            energies = [_energy(strip, *case, motion, comm) for case in (fine, own)]
-            found[name] = energies[1] / energies[0]
+    found = {}
+    for name, answer in answers(strip).items():
+        reference = answer(strip, reference_counts(name), TaylorHood(), comm)
+        found[name] = ratio_of(name, answer(strip, strip.counts, SolidShell(kappa=strip.kappa), comm), reference)
     return found
 
 
 def series(strip: Strip, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, list[float]]:
     """Return the edges 2 E, E, E/2 and the ratio of bending stiffness with one and with two layers (collective)."""
-    expected = _deflection(strip, REFERENCE, TaylorHood(), comm)
+    expected = deflection(strip, REFERENCE, TaylorHood(), comm)
     found: dict[str, list[float]] = {"edge_cm": [2 * strip.edge, strip.edge, strip.edge / 2]}
     for layers in (1, 2):
         finer = [replace(strip, edge=edge, layers=layers) for edge in found["edge_cm"]]
         shell = SolidShell(kappa=strip.kappa)
-        found[f"layers_{layers}"] = [expected / _deflection(s, s.counts, shell, comm) for s in finer]
+        found[f"layers_{layers}"] = [expected / deflection(s, s.counts, shell, comm) for s in finer]
     linear = statics.NearlyIncompressible(degree=1, kappa=strip.kappa)
     found["linear_hexahedra"] = [
-        expected / _deflection(s, s.counts, linear, comm)
+        expected / deflection(s, s.counts, linear, comm)
         for s in (replace(strip, edge=edge) for edge in found["edge_cm"])
     ]
     return found
@@ -135,7 +147,8 @@ def series(strip: Strip, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, list[floa
 AXIS = {"axis": (1.0, 0.0, 0.0), "through": (0.0, WIDTH / 2, 0.0)}
 
 
-def _pull(X: Array, s: float) -> Array:
+def pull(X: Array, s: float) -> Array:
+    """Return the displacement of an end that is pulled by 0.1 % of the length."""
     return np.outer(np.full(len(X), 1e-3 * LENGTH * s), (1.0, 0.0, 0.0))
 
 
@@ -178,7 +191,7 @@ def _end(strip: Strip, height: float) -> tuple[float, float, float]:
     return r * math.sin(turn) - 1e-9, WIDTH / 2, r * math.cos(turn) - strip.radius
 
 
-def _deflection(strip: Strip, counts: Counts, formulation: Formulation | SolidShell, comm: MPI.Comm) -> float:
+def deflection(strip: Strip, counts: Counts, formulation: Formulation | SolidShell, comm: MPI.Comm) -> float:
     """Return the deflection of the end under a pressure that turns it by about a degree (collective)."""
     solution = statics.solve(
         mesh_of(strip, counts, comm),
@@ -195,7 +208,7 @@ class _Reached(Exception):
     """The end has turned far enough."""
 
 
-def _right_angle(
+def right_angle(
     strip: Strip, counts: Counts, formulation: Formulation | SolidShell, comm: MPI.Comm
 ) -> float:
     """Return the pressure at which the end has turned by 90 degrees [dyn/cm^2] (collective)."""
@@ -233,12 +246,13 @@ def _right_angle(
     )
 
 
-def _energy(
+def energy_of(
     strip: Strip,
     counts: Counts,
     formulation: Formulation | SolidShell,
-    motion: Callable[[Array, float], Array],
     comm: MPI.Comm,
+    *,
+    motion: Motion,
 ) -> float:
     """Return the strain energy of a strip whose end is moved [erg] (collective)."""
     mesh, material = mesh_of(strip, counts, comm), material_of(strip)

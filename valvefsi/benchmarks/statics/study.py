@@ -25,6 +25,7 @@ from valvefsi.verification.convergence import extrapolated, observed_order
 if TYPE_CHECKING:
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics import StaticSolution
+    from valvefsi.solid.stress import Stress
 
 SIMPLEX = {"triangle", "tetrahedron"}
 References = Mapping[str, Sequence[Reference]]
@@ -57,12 +58,17 @@ def answer_of(
     """Return the answer of one mesh, with the body and all its stresses; ``fibres`` as of `Stress` (collective)."""
     spaces = (solution.displacement.function_space, solution.pressure.function_space)
     unknowns = sum(s.dofmap.index_map.size_global * s.dofmap.index_map_bs for s in spaces)
-    gathered, body = stress_of_solution(solution, material, **fibres).gather(), None
-    if gathered is not None:
-        points, cells, fields, reference = gathered
-        shown = LABELS["von_mises"]
-        body = Body(points=points, cells=cells, values=fields, reference=reference, shown=shown)
+    body = body_of(stress_of_solution(solution, material, **fibres))
     return Answer(values=values, unknowns=unknowns, body=body)
+
+
+def body_of(stress: Stress) -> Body | None:
+    """Return the body with all its stresses on rank 0, None on the others (collective)."""
+    gathered = stress.gather()
+    if gathered is None:
+        return None
+    points, cells, fields, reference = gathered
+    return Body(points=points, cells=cells, values=fields, reference=reference, shown=LABELS["von_mises"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +87,7 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
     """A static benchmark: it states its cells, its answer on one mesh and what this is compared with."""
 
     title: ClassVar[str]
-    cells: ClassVar[tuple[str, str]]
+    cells: ClassVar[tuple[str, ...]]
     coarsest: ClassVar[int] = 1
     units: ClassVar[Mapping[str, tuple[str, str]]] = {}
     """Unit and label of each quantity."""
@@ -103,7 +109,7 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
         """Return the kinds of cell that are asked for."""
         if self.cell == "both":
             return self.cells
-        simplex = next(cell for cell in self.cells if cell in SIMPLEX)
+        simplex = next((cell for cell in self.cells if cell in SIMPLEX), "simplex")
         kind = simplex if self.cell == "simplex" else self.cell
         if kind not in self.cells:
             near = nearest(self.cell, ["both", "simplex", *self.cells])
