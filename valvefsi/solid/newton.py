@@ -74,7 +74,9 @@ class Newton:
         self._snes.setFunction(weak(self._assemble_residual), self._b)
         self._snes.setJacobian(weak(self._assemble_tangent), self._A)
         self._snes.setType("newtonls")
-        self._snes.setDivergenceTolerance(1e300)  # the default, 1e4, ends full steps of thin bodies at the first
+        self._snes.setDivergenceTolerance(
+            1e300
+        )  # the default, 1e4, ends full steps of thin bodies at the first
         ksp = self._snes.getKSP()
         ksp.setType("preonly")
         ksp.setOperators(self._A)

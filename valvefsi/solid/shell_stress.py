@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 class ShellStress(Stress):
     """Stress and strain at the 2 x 2 x 2 Gauss points of solid-shell elements, at their present position.
 
-    The stretch U of the energy, U^2 = C of `ShellCells.kinematics_of`, takes the place of that of the nodes: F = R U with R from
-    the nodes' gradient. The stress is dW/dC with the pressure that leaves none through the thickness, and on top of it
-    that of the volumetric energies.
+    The stretch U of the energy, U^2 = C of `ShellCells.kinematics_of`, takes the place of that of the nodes: F = R U
+    with R from the nodes' gradient. The stress is dW/dC with the pressure that leaves none through the thickness, and
+    on top of it that of the volumetric energies.
 
     Args:
         elasticity: The elements.
@@ -61,7 +61,10 @@ class ShellStress(Stress):
         kinematics = cells.kinematics_of(metric)
         K = kinematics.dual
         F = sum((ufl.outer(g[i], K[i]) for i in range(1, 3)), ufl.outer(g[0], K[0]))
-        S = 2 * sum((a * ufl.outer(v, v) for a, v in zip((c[1], normal), G[1:], strict=True)), c[0] * ufl.outer(G[0], G[0]))
+        S = 2 * sum(
+            (a * ufl.outer(v, v) for a, v in zip((c[1], normal), G[1:], strict=True)),
+            c[0] * ufl.outer(G[0], G[0]),
+        )
         for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2)), start=2):
             S += c[k] * (ufl.outer(G[i], G[j]) + ufl.outer(G[j], G[i]))
         parts = [A[i, j] for A in (F, kinematics.C, S) for i in range(3) for j in range(3)]

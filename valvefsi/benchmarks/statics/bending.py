@@ -124,7 +124,9 @@ def ratios(strip: Strip, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, float]:
     found = {}
     for name, answer in answers(strip).items():
         reference = answer(strip, reference_counts(name), TaylorHood(), comm)
-        found[name] = ratio_of(name, answer(strip, strip.counts, SolidShell(kappa=strip.kappa), comm), reference)
+        found[name] = ratio_of(
+            name, answer(strip, strip.counts, SolidShell(kappa=strip.kappa), comm), reference
+        )
     return found
 
 
@@ -208,9 +210,7 @@ class _Reached(Exception):
     """The end has turned far enough."""
 
 
-def right_angle(
-    strip: Strip, counts: Counts, formulation: Formulation | SolidShell, comm: MPI.Comm
-) -> float:
+def right_angle(strip: Strip, counts: Counts, formulation: Formulation | SolidShell, comm: MPI.Comm) -> float:
     """Return the pressure at which the end has turned by 90 degrees [dyn/cm^2] (collective)."""
     largest = LARGEST * 0.5 * math.pi * _unit_pressure(strip)
     reach = 0.498 * strip.thickness

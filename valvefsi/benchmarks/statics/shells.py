@@ -199,7 +199,11 @@ class SlitRing(ThinShell):
     name = "shells-slit-ring"
     title = "Slit ring, lifted at the slit"
     units = {"lift_inner": ("", "w inside"), "lift_outer": ("", "w outside")}
-    size, young, poisson = (2 * math.pi - 1e-5, 4.0, 0.03), 21e6, 0.0  # so that the sides of the slit do not touch
+    size, young, poisson = (
+        (2 * math.pi - 1e-5, 4.0, 0.03),
+        21e6,
+        0.0,
+    )  # so that the sides of the slit do not touch
     counts, coarsest = (40, 5), 5
     inner: ClassVar[float] = 6.0
     lift: ClassVar[float] = 0.8
@@ -211,7 +215,9 @@ class SlitRing(ThinShell):
     def setting(self) -> Setting:
         load = DeadLoad(on=("x_upper",), traction=(0.0, 0.0, self.lift / self.size[2]))
         turn, width, near = self.size[0] - 1e-6, self.size[1], 1e-5
-        corners = np.array([[turn, near, 0.0], [turn, width - near, 0.0]])  # inside the flat sides of the elements
+        corners = np.array(
+            [[turn, near, 0.0], [turn, width - near, 0.0]]
+        )  # inside the flat sides of the elements
         return Setting(fixed=[Fixed(on=("x_lower",))], loads=[load], points=self.shape(corners))
 
     def read_off(self, u: Array) -> Sequence[float]:
@@ -245,7 +251,9 @@ class Hemisphere(ThinShell):
                 PointLoad(at=tuple((0.0, r, 0.0) for r in radii), force=(0.0, -half, 0.0)),
             ],
             points=self.radius * np.eye(3)[:2] + 1e-7,
-            tethers=[Tether(components=("z",), stiffness=1e-3)],  # so weak that it only keeps the shell from floating
+            tethers=[
+                Tether(components=("z",), stiffness=1e-3)
+            ],  # so weak that it only keeps the shell from floating
         )
 
     def read_off(self, u: Array) -> Sequence[float]:

@@ -1,4 +1,4 @@
-"""Many strips of leaflet: thin and thick, one and two layers, coarse and fine, isotropic and with fibres, flat and curved.
+"""Many strips of leaflet: thin and thick, one and two layers, coarse and fine, with fibres and without, flat, curved.
 
 Each is bent, turned by 90 degrees, pulled and twisted as in `valvefsi.benchmarks.statics.bending`, and compared with
 Taylor-Hood elements; what finds no equilibrium says so.
@@ -46,9 +46,15 @@ class Strips(Benchmark[Strip, None]):
     keeps = True
 
     materials: tuple[str, ...] = option(tuple(MATERIALS), "Presets.", metavar="M,M", choices=tuple(MATERIALS))
-    thicknesses: tuple[float, ...] = option(THICKNESSES, "Thicknesses [mm].", metavar="T,T", least=0.1, most=1.0)
-    edges: tuple[float, ...] = option(EDGES, "Edges of the elements [mm].", metavar="E,E", least=0.25, most=2.0)
-    layers: tuple[int, ...] = option((1, 2), "Elements through the thickness.", metavar="N,N", least=1, most=4)
+    thicknesses: tuple[float, ...] = option(
+        THICKNESSES, "Thicknesses [mm].", metavar="T,T", least=0.1, most=1.0
+    )
+    edges: tuple[float, ...] = option(
+        EDGES, "Edges of the elements [mm].", metavar="E,E", least=0.25, most=2.0
+    )
+    layers: tuple[int, ...] = option(
+        (1, 2), "Elements through the thickness.", metavar="N,N", least=1, most=4
+    )
     shapes: tuple[str, ...] = option(SHAPES, "flat, curved with 12 mm.", metavar="S,S", choices=SHAPES)
     kappa: float = option(1e8, "Numerical bulk modulus [dyn/cm^2].")
 
@@ -72,7 +78,9 @@ class Strips(Benchmark[Strip, None]):
     def label(self, run: Strip) -> str:
         shape = "flat" if run.radius is None else "curved"
         fibres = f" {run.angle:g} deg" if len(MATERIALS[run.material]) > 1 else ""
-        return f"{run.material}{fibres}, {shape}, {10 * run.thickness:g} mm, {run.layers} x {10 * run.edge:g} mm"
+        return (
+            f"{run.material}{fibres}, {shape}, {10 * run.thickness:g} mm, {run.layers} x {10 * run.edge:g} mm"
+        )
 
     def place(self, run: Strip, out: Path) -> Path:
         return out / self.label(run).replace(", ", "_").replace(" ", "-")
@@ -113,7 +121,9 @@ class Strips(Benchmark[Strip, None]):
             parameters={key: value for key, value in asdict(self).items() if key != "overrides"},
             quantities={**counts, **_extremes(records)},
             reference={"ratio": 1.0, "pass": PASS, "pass_membrane": MEMBRANE},
-            more={"strips": [{key: record[key] for key in ("strip", "label", "ratios")} for record in records]},
+            more={
+                "strips": [{key: record[key] for key in ("strip", "label", "ratios")} for record in records]
+            },
             table=lines,
         )
 

@@ -89,7 +89,9 @@ def ratio_points(path: Path, strips: Sequence[tuple[Mapping[str, object], Mappin
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.6, 1.6 + 0.24 * len(rows)), dpi=160, facecolor="white")
         panels = np.atleast_1d(figure.subplots(1, len(kinds), sharey=True))
-        figure.subplots_adjust(left=0.27, right=0.98, top=1 - 0.75 / (1.6 + 0.24 * len(rows)), bottom=0.14, wspace=0.1)
+        figure.subplots_adjust(
+            left=0.27, right=0.98, top=1 - 0.75 / (1.6 + 0.24 * len(rows)), bottom=0.14, wspace=0.1
+        )
         for axes, kind in zip(panels, kinds, strict=True):
             axes.axvspan(0.95, 1.05, color=INK, alpha=0.08, lw=0)
             for strip, ratios in strips:
@@ -104,5 +106,9 @@ def ratio_points(path: Path, strips: Sequence[tuple[Mapping[str, object], Mappin
         names = [f"{str(m).replace('_', ' ')}, {a:g} deg, {'curved' if r else 'flat'}" for m, a, r in rows]
         panels[0].set_yticks(range(len(rows)), names)
         panels[0].invert_yaxis()
-        headings(figure, "Strips of leaflet, solid shell over incompressible", "one layer and two (second colour); the band is 5 % either way")
+        headings(
+            figure,
+            "Strips of leaflet, solid shell over incompressible",
+            "one layer and two (second colour); the band is 5 % either way",
+        )
         return saved(figure, path)

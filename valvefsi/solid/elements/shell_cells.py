@@ -69,8 +69,9 @@ class ShellCells:
         E = int W(C) dX + sum_columns U_1(J) dX + U_2(J of the cell) V
 
     with C of `ShellKinematics`; of a compressible material C of `StressFreeKinematics` and, in place of U_1 and U_2,
-    (lam + 2 mu)/2 e^2, e the strain along the normal beside the one that leaves no stress there. DOLFINx compiles it, its gradient and its tangent on a mesh of separate cells; the
-    cells have the coordinates (xi, eta, zeta), so that nothing of the real mesh is in the forms but the monomials.
+    (lam + 2 mu)/2 e^2, e the strain along the normal beside the one that leaves no stress there.
+    DOLFINx compiles it, its gradient and its tangent on a mesh of separate cells; the cells have the coordinates
+    (xi, eta, zeta), so that nothing of the real mesh is in the forms but the monomials.
 
     Args:
         X: Corners of the elements, node i + 2 j + 4 l, the thickness along l, ``(num_cells, 8, 3)`` [cm].
@@ -208,7 +209,8 @@ class ShellCells:
     def _compile(self) -> None:
         test = ufl.TestFunction(self._space)
         work = sum(
-            ufl.inner(part.stress(part.strains(self.m)), part.rate(self.m, test)) * part.dx for part in self._parts
+            ufl.inner(part.stress(part.strains(self.m)), part.rate(self.m, test)) * part.dx
+            for part in self._parts
         )
         self._force_form = compat.compile_form(-work)
         self._constants = compat.pack_constants(self._force_form)
@@ -268,9 +270,7 @@ class ShellCells:
 
     @functools.cached_property
     def _energy_form(self) -> fem.Form:
-        return compat.compile_form(
-            sum(part.energy(part.strains(self.m)) * part.dx for part in self._parts)
-        )
+        return compat.compile_form(sum(part.energy(part.strains(self.m)) * part.dx for part in self._parts))
 
     def energy(self) -> float:
         """Return the energy of all cells [erg]."""

@@ -39,7 +39,9 @@ def split(
     """
     if hasattr(material, "normal_modulus"):
         if kappa is not None:
-            message = "this material has a volumetric part of its own, which solid-shell elements take as it is"
+            message = (
+                "this material has a volumetric part of its own, which solid-shell elements take as it is"
+            )
             raise CaseError(message, key="kappa", value=kappa)
         return Volumetric(kappa=0.0, form=form), Volumetric(kappa=0.0, form=form)
     whole = stabilisation(material, nu_stab, form, kappa).kappa

@@ -124,7 +124,7 @@ class Body:
                 if self.mesh.mesh.comm.allreduce(len(node)) != 1:
                     raise CaseError("there must be one node where a force acts", key="at", value=list(point))
                 dofs = dim * node[:, None] + np.arange(dim)
-                rows = dofs if parent is None else np.asarray(parent)[dofs]
+                rows = dofs if parent is None else np.ravel(parent)[dofs]
                 forces[rows] += np.array(load.force[:dim]) / len(load.at)
         return forces
 
