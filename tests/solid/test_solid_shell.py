@@ -16,7 +16,13 @@ import ufl
 from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.solid import statics
-from valvefsi.solid.elements.shell_kinematics import Metric, ShellKinematics, assumed_shear, base_vectors
+from valvefsi.solid.elements.shell_kinematics import (
+    Metric,
+    ShellKinematics,
+    StressFreeKinematics,
+    assumed_shear,
+    base_vectors,
+)
 from valvefsi.solid.elements.shell_layers import thickness_axes
 from valvefsi.solid.loads import Pressure
 from valvefsi.solid.materials import LeeSacks, NeoHookean, SaintVenantKirchhoff, fibres
@@ -319,3 +325,24 @@ def test_the_kinematics_of_an_incompressible_deformation_are_those_of_its_gradie
     expected = [np.trace(C), 0.5 * (np.trace(C) ** 2 - np.trace(C @ C)), f @ C @ s]
     invariants = [kinematics.I1, kinematics.I2, kinematics.I8("f", "s")]
     np.testing.assert_allclose([float(part(())) for part in invariants], expected, rtol=1e-10)
+
+
+def test_a_compressible_material_thins_so_that_no_stress_acts_along_the_normal_of_any_frame():
+    rng = np.random.default_rng(10)
+    frame = np.eye(3) + 0.3 * rng.standard_normal((3, 3))  # rows are G_i, not at right angles
+    F = np.eye(3) + 0.2 * rng.standard_normal((3, 3))
+    c = frame @ F.T @ F @ frame.T
+    kinematics = StressFreeKinematics(
+        Metric(c11=c[0, 0], c22=c[1, 1], c12=c[0, 1], c13=c[0, 2], c23=c[1, 2]),
+        tuple(ufl.as_vector(G.tolist()) for G in frame),
+        None,
+        ELASTIC.thinning,
+    )
+    C = np.array([[float(kinematics.C[i, j](())) for j in range(3)] for i in range(3)])
+    found = frame @ C @ frame.T
+    found[2, 2] = c[2, 2]
+    np.testing.assert_allclose(found, c, atol=1e-12)
+    E, normal = (C - np.eye(3)) / 2, np.cross(frame[0], frame[1])
+    S = ELASTIC.lam * np.trace(E) * np.eye(3) + 2 * ELASTIC.mu * E
+    assert abs(normal @ S @ normal) < 1e-10 * abs(S).max() * (normal @ normal)
+    assert float(kinematics.J(())) == pytest.approx(math.sqrt(np.linalg.det(C)), rel=1e-12)

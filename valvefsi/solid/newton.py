@@ -76,7 +76,7 @@ class Newton:
         self._snes.setType("newtonls")
         self._snes.setDivergenceTolerance(
             1e300
-        )  # the default, 1e4, ends full steps of thin bodies at the first
+        )  # the default, 1e4, is less than a full step of a thin body makes
         ksp = self._snes.getKSP()
         ksp.setType("preonly")
         ksp.setOperators(self._A)

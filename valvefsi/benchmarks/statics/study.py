@@ -88,6 +88,8 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
 
     title: ClassVar[str]
     cells: ClassVar[tuple[str, ...]]
+    also: ClassVar[tuple[str, ...]] = ()
+    """Further kinds that "both" stands for, such as linear elements: the cell, and after a comma what they are."""
     coarsest: ClassVar[int] = 1
     units: ClassVar[Mapping[str, tuple[str, str]]] = {}
     """Unit and label of each quantity."""
@@ -108,7 +110,7 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
     def kinds(self) -> tuple[str, ...]:
         """Return the kinds of cell that are asked for."""
         if self.cell == "both":
-            return self.cells
+            return self.cells + self.also
         simplex = next((cell for cell in self.cells if cell in SIMPLEX), "simplex")
         kind = simplex if self.cell == "simplex" else self.cell
         if kind not in self.cells:
@@ -168,6 +170,8 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
 
     def _orders(self, records: Sequence[Record], cell: str, name: str, exact: float | None) -> list[Row]:
         unit, label = self.units.get(name, ("", name))
+        if cell in self.also:
+            return []
         values, lines = _series(records, cell, name), []
         order, limit = observed_order(values, exact=exact), extrapolated(values)
         if order is not None:
@@ -180,9 +184,12 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
     def draw(self, records: Sequence[Record], known: References, out: Path) -> None:
         for cell, finest in _finest(records).items():
             if finest.get("_body") is not None:
-                caption = f"{cell}, {finest['unknowns']:,} unknowns"
-                deformed(out / f"deformed_{cell}.png", finest["_body"], title=self.title, caption=caption)
-                write_body(out / f"solid_{cell}.vtu", finest["_body"])
+                caption, name = (
+                    f"{cell}, {finest['unknowns']:,} unknowns",
+                    cell.replace(",", "").replace(" ", "_"),
+                )
+                deformed(out / f"deformed_{name}.png", finest["_body"], title=self.title, caption=caption)
+                write_body(out / f"solid_{name}.vtu", finest["_body"])
         if self.refine:
             panels = [self._panel(records, name, known) for name in records[0]["values"]]
             convergence(out / "convergence.png", panels, title=self.title)
