@@ -17,13 +17,14 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from valvefsi.benchmarks.frame import Result
 from valvefsi.benchmarks.options import option
 from valvefsi.benchmarks.references import read
 from valvefsi.benchmarks.results import Reference
@@ -307,3 +308,6 @@ class Shells(StaticParts):
         "hemisphere": Hemisphere,
         "cylinder": PulledCylinder,
     }
+
+    def parameters_of(self, results: Mapping[str, Result]) -> dict[str, Any]:
+        return {part: result["parameters"] for part, result in results.items()}

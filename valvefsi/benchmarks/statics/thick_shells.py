@@ -6,9 +6,10 @@ and the balance of the radial stress gives the pressure as a function of c (Gree
     cylinder  p/c1 = ln(a B / (A b)) + c/2 (1/a^2 - 1/b^2)
     sphere    p/c1 = 2/l_b + 1/(2 l_b^4) - 2/l_a - 1/(2 l_a^4),    l = r/R
 
-with A, B the radii at rest and a, b the deformed ones. The pressure follows the deformed surface. The sphere is computed
-with linear elements, too, which are held in volume by the energy that the coupled solid uses: they are too soft with its
-usual modulus, which allows a change of volume, and lock with a larger one.
+with A, B the radii at rest and a, b the deformed ones. The pressure follows the deformed surface.
+
+The sphere is computed with linear elements, too, which the energy of the coupled solid holds in volume: they are too
+soft with its usual modulus, which lets the volume change, and lock with a larger one.
 """
 
 from __future__ import annotations
