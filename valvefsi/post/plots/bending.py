@@ -87,11 +87,11 @@ def ratio_points(path: Path, strips: Sequence[tuple[Mapping[str, object], Mappin
     kinds = list(dict.fromkeys(name for _, ratios in strips for name in ratios))
     rows = list(dict.fromkeys((strip["material"], strip["angle"], strip["radius"]) for strip, _ in strips))
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.6, 1.6 + 0.24 * len(rows)), dpi=160, facecolor="white")
+        height = 1.9 + 0.3 * len(rows)
+        figure = Figure(figsize=(10.6, height), dpi=160, facecolor="white")
         panels = np.atleast_1d(figure.subplots(1, len(kinds), sharey=True))
-        figure.subplots_adjust(
-            left=0.27, right=0.98, top=1 - 0.75 / (1.6 + 0.24 * len(rows)), bottom=0.14, wspace=0.1
-        )
+        edges = {"top": 1 - 0.8 / height, "bottom": 0.65 / height}
+        figure.subplots_adjust(left=0.34, right=0.97, wspace=0.22, **edges)
         for axes, kind in zip(panels, kinds, strict=True):
             axes.axvspan(0.95, 1.05, color=INK, alpha=0.08, lw=0)
             for strip, ratios in strips:
@@ -105,7 +105,7 @@ def ratio_points(path: Path, strips: Sequence[tuple[Mapping[str, object], Mappin
             plain(axes)
         names = [f"{str(m).replace('_', ' ')}, {a:g} deg, {'curved' if r else 'flat'}" for m, a, r in rows]
         panels[0].set_yticks(range(len(rows)), names)
-        panels[0].invert_yaxis()
+        panels[0].set_ylim(len(rows) - 0.5, -0.5)
         headings(
             figure,
             "Strips of leaflet, solid shell over incompressible",
