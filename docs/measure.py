@@ -35,6 +35,7 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
         "Thick cylinder and sphere under inner pressure, mixed elements",
         {"32 elements": "bench thick-shells --cell both --refine 1"},
     ),
+    "shells": ("Thin shells that turn far, solid-shell elements", {"": "bench shells"}),
     "hgo-strip": ("Strip of the HGO material", {"": "bench hgo-strip"}),
     "land": ("Land et al. 2015, problem 1", {"20 x 2 x 2": "bench land --problem 1 --elements 2"}),
     "compression": (

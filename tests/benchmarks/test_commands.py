@@ -22,7 +22,7 @@ from valvefsi.cli import app
 from valvefsi.cli.bench_command import command_of
 
 WORLD = MPI.COMM_WORLD
-LONG = {"bending", "bulk-modulus"}
+LONG = {"bending", "bulk-modulus", "strips"}
 """Commands whose smallest run takes minutes."""
 GRID = re.compile(r"\d+|N\d+-.*")
 LISTED = json.loads((Path(__file__).parent / "commands.json").read_text())

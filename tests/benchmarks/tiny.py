@@ -27,6 +27,7 @@ TINY = {
     "statics-cook": {"elements": 2},
     "statics-torsion": {"cell": "hexahedron", "elements": 1},
     "thick-shells": {},
+    "shells": {"refine": 0},
     "hgo-strip": {},
     "land": {"problem": (1,)},
     "kernels": {

@@ -198,7 +198,7 @@ def test_what_cannot_be_solved_is_refused(comm):
             "with a pressure",
         ),
         ({"loads": [Pressure(on=("block",), value=1.0)]}, "expected tags of facets"),
-        ({"loads": [Tether(on=("bottom",), stiffness=1.0)]}, "expected DeadLoad or Pressure"),
+        ({"loads": [Tether(on=("bottom",), stiffness=1.0)]}, "expected DeadLoad, Pressure or PointLoad"),
     ]
     for options, message in cases:
         with pytest.raises(CaseError, match=message):

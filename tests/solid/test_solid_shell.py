@@ -19,7 +19,13 @@ from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.grid import MacGrid
 from valvefsi.solid import statics
-from valvefsi.solid.elements.shell_kinematics import Metric, ShellKinematics, assumed_shear, base_vectors
+from valvefsi.solid.elements.shell_kinematics import (
+    Metric,
+    ShellKinematics,
+    StressFreeKinematics,
+    assumed_shear,
+    base_vectors,
+)
 from valvefsi.solid.elements.shell_layers import thickness_axes
 from valvefsi.solid.loads import Pressure
 from valvefsi.solid.materials import LeeSacks, NeoHookean, SaintVenantKirchhoff, fibres
@@ -32,6 +38,7 @@ SHELL = {"element": "solid_shell", "kappa": 400.0}
 SOFT = NeoHookean(c1=3.0)
 PERICARDIUM = LeeSacks(c0=676080.0, c1=132848.0, c2=38.1878)
 PORCINE = HGO(c10=1.21e4, c01=7.99, families=(FibreFamily(k1=2.426e5, k2=57.62, fibre="fibre"),))
+ELASTIC = SaintVenantKirchhoff(mu=3.0, lam=4.0)
 SHEARED = np.array([[1.05, 0.03, 0.0], [0.01, 0.97, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -60,6 +67,11 @@ def shell(mesh, material=SOFT, **options):
     return Structure(mesh, material, discretisation=Discretisation(**SHELL | options))
 
 
+def own_bulk(material):
+    """The option of an element whose material holds its thickness by itself."""
+    return {"kappa": None} if material is ELASTIC else {}
+
+
 def moved(X):
     """A deformation that bends, twists, shears and thickens, the same on any number of ranks."""
     x, y, z = X.T
@@ -71,9 +83,9 @@ def elastic(solid, chi):
     return solid.elasticity.force(chi).copy()
 
 
-@pytest.mark.parametrize("material", [SOFT, PORCINE], ids=["isotropic", "fibres"])
+@pytest.mark.parametrize("material", [SOFT, PORCINE, ELASTIC], ids=["isotropic", "fibres", "compressible"])
 def test_forces_are_minus_the_gradient_of_the_energy(comm, material):
-    solid = shell(strip(comm, warp=0.05, radius=1.2, angle=30.0), material)
+    solid = shell(strip(comm, warp=0.05, radius=1.2, angle=30.0), material, **own_bulk(material))
     chi, step = moved(solid.X), 1e-6
     d = np.sin(7.0 * solid.X + np.arange(3))
     slope = (solid.energy(chi + step * d) - solid.energy(chi - step * d)) / (2 * step)
@@ -93,18 +105,19 @@ def test_a_rotation_turns_the_forces_and_keeps_the_energy(comm):
     assert comm.allreduce(float(np.abs(elastic(solid, solid.X)).max(initial=0.0)), op=MPI.MAX) < 1e-9 * scale
 
 
-def test_there_are_six_modes_without_energy_and_no_more():
+@pytest.mark.parametrize("material", [SOFT, ELASTIC], ids=["incompressible", "compressible"])
+def test_there_are_six_modes_without_energy_and_no_more(material):
     # one element, warped, wedge-shaped: stiffness by differences of the forces
     solid = shell(strip(MPI.COMM_SELF, size=(0.1, 0.1, 0.03), elements=(1, 1, 1), radius=0.3))
     chi = solid.X + 0.004 * np.sin(50 * solid.X[:, [1, 2, 0]])
-    solid = shell(_placed(chi))
+    solid = shell(_placed(chi), material, **own_bulk(material))
     step, n = 1e-7, chi.size
     K = np.empty((n, n))
     for k, d in enumerate(np.eye(n).reshape(n, -1, 3)):
         K[:, k] = -(elastic(solid, solid.X + step * d) - elastic(solid, solid.X - step * d)).ravel() / (
             2 * step
         )
-    values = np.linalg.eigvalsh(0.5 * (K + K.T)) / (SOFT.c1 * 0.1)
+    values = np.linalg.eigvalsh(0.5 * (K + K.T)) / (material.shear_modulus * 0.1)
     assert np.abs(values[:6]).max() < 1e-6
     assert values[6] > 1e-3
 
@@ -132,6 +145,25 @@ def test_a_patch_of_warped_elements_keeps_a_constant_strain(comm, layers):
     assert np.abs(F[inner]).max(initial=0.0) < 1e-10 * scale
     expected = SOFT.c1 / 2 * (np.sum(A**2) - 3) * 0.02
     assert solid.energy(solid.X @ A.T) == pytest.approx(expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+def test_a_patch_of_compressible_elements_has_the_energy_and_stress_of_its_strain(comm, layers):
+    # stretched, sheared and swollen: all of E, that along the normal included, is what W takes it for
+    solid = shell(strip(comm, elements=(4, 3, layers), warp=0.06), ELASTIC, kappa=None)
+    A = SHEARED.copy()
+    A[2, 2] = 1.01
+    E = (A.T @ A - np.eye(3)) / 2
+    expected = (ELASTIC.lam / 2 * np.trace(E) ** 2 + ELASTIC.mu * np.sum(E**2)) * 0.02
+    assert solid.energy(solid.X @ A.T) == pytest.approx(expected, rel=1e-10)
+    F = elastic(solid, solid.X @ A.T)
+    x, y, _ = solid.X.T
+    inner = (x > 1e-9) & (x < 1 - 1e-9) & (y > 1e-9) & (y < 0.5 - 1e-9) & (abs(solid.X[:, 2]) < 0.019)
+    scale = comm.allreduce(float(np.abs(F).max(initial=0.0)), op=MPI.MAX)
+    assert np.abs(F[inner]).max(initial=0.0) < 1e-10 * scale
+    found = stress_of_structure(solid).at_points("pk2")["pk2"]
+    S = ELASTIC.lam * np.trace(E) * np.eye(3) + 2 * ELASTIC.mu * E
+    np.testing.assert_allclose(found, np.broadcast_to(S, found.shape), atol=1e-9 * abs(S).max())
 
 
 def test_the_stress_of_a_flat_strip_is_that_of_plane_stress(comm):
@@ -245,8 +277,22 @@ def test_what_the_element_cannot_be_is_refused(comm):
         shell(rectangle(comm))
     with pytest.raises(CaseError, match="kappa.*give nu_stab or kappa"):
         Structure(strip(comm), SOFT, nu_stab=None, discretisation=Discretisation(element="solid_shell"))
-    with pytest.raises(CaseError, match="saint_venant_kirchhoff.*a volumetric part of its own"):
-        shell(strip(comm), SaintVenantKirchhoff(mu=3.0, lam=7.0))
+    with pytest.raises(CaseError, match="kappa.*a volumetric part of its own"):
+        shell(strip(comm), ELASTIC)
+
+
+def test_the_elements_of_a_mesh_that_is_seen_in_a_mirror_have_the_same_energy(comm):
+    meshes = [strip(comm, warp=0.05, radius=1.2) for _ in range(2)]
+    meshes[1].mesh.geometry.x[:, 1] *= -1
+    energies = [
+        solid.energy(moved(solid.X * flip) * flip)
+        for solid, flip in zip(map(shell, meshes), MIRRORS, strict=True)
+    ]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-10)
+    assert energies[0] > 0
+
+
+MIRRORS = (np.ones(3), np.array([1.0, -1.0, 1.0]))
 
 
 def test_the_shear_is_that_of_the_trilinear_map_at_the_middles_of_the_edges():
@@ -293,3 +339,24 @@ def test_the_kinematics_of_an_incompressible_deformation_are_those_of_its_gradie
     expected = [np.trace(C), 0.5 * (np.trace(C) ** 2 - np.trace(C @ C)), f @ C @ s]
     invariants = [kinematics.I1, kinematics.I2, kinematics.I8("f", "s")]
     np.testing.assert_allclose([float(part(())) for part in invariants], expected, rtol=1e-10)
+
+
+def test_a_compressible_material_thins_so_that_no_stress_acts_along_the_normal_of_any_frame():
+    rng = np.random.default_rng(10)
+    frame = np.eye(3) + 0.3 * rng.standard_normal((3, 3))  # rows are G_i, not at right angles
+    F = np.eye(3) + 0.2 * rng.standard_normal((3, 3))
+    c = frame @ F.T @ F @ frame.T
+    kinematics = StressFreeKinematics(
+        Metric(c11=c[0, 0], c22=c[1, 1], c12=c[0, 1], c13=c[0, 2], c23=c[1, 2]),
+        tuple(ufl.as_vector(G.tolist()) for G in frame),
+        None,
+        ELASTIC.thinning,
+    )
+    C = np.array([[float(kinematics.C[i, j](())) for j in range(3)] for i in range(3)])
+    found = frame @ C @ frame.T
+    found[2, 2] = c[2, 2]
+    np.testing.assert_allclose(found, c, atol=1e-12)
+    E, normal = (C - np.eye(3)) / 2, np.cross(frame[0], frame[1])
+    S = ELASTIC.lam * np.trace(E) * np.eye(3) + 2 * ELASTIC.mu * E
+    assert abs(normal @ S @ normal) < 1e-10 * abs(S).max() * (normal @ normal)
+    assert float(kinematics.J(())) == pytest.approx(math.sqrt(np.linalg.det(C)), rel=1e-12)

@@ -74,10 +74,14 @@ Solids alone (statics):
         centre at five angles up to 2.5 pi.
     thick-shells | statics.thick_shells:ThickShells | A thick cylinder and a thick sphere under inner pressure, \
         against their closed forms.
+    shells | statics.shells:Shells | Thin shells that turn far, of solid-shell elements: cantilever, slit ring, \
+        hemisphere, pulled cylinder, against a published table.
     hgo-strip | statics.hgo_strip:HgoStrip | A strip of the HGO material, flat and inflated as a ring, against \
         the homogeneous solution (S1-S3).
     bending | statics.bending:Bending | A strip of solid-shell elements bent, pulled and twisted, against \
         incompressible elements.
+    strips | statics.strips:Strips | Many such strips: thickness, layers, edges, fibres, curvature; which pass and \
+        which find no equilibrium.
     land | statics.land:Land | Land et al. 2015, cardiac mechanics: beam, inflation, contraction.
 Studies and speed:
     kernels | studies.kernels:Kernels | Every kernel at several ratios of mesh to grid, both couplings; goes on \

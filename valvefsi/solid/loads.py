@@ -79,6 +79,27 @@ class Pressure:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PointLoad:
+    """Dead force on single nodes, for statics.
+
+    Args:
+        at: Reference positions of the nodes, ``(n, dim)`` [cm].
+        force: Components of the whole force, which the nodes bear in equal parts, ``(dim,)`` or ``(3,)`` [dyn].
+    """
+
+    at: tuple[tuple[float, ...], ...]
+    force: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "at", tuple(tuple(map(float, point)) for point in self.at))
+        object.__setattr__(self, "force", tuple(map(float, self.force)))
+        numbers = [*self.force, *(x for point in self.at for x in point)]
+        if not self.at or len(self.force) not in (2, 3) or not all(map(math.isfinite, numbers)):
+            message = "expected positions, and 2 or 3 finite components"
+            raise CaseError(message, key="force", value=[self.at, self.force])
+
+
+@dataclass(frozen=True, kw_only=True)
 class Tether:
     """Springs and dampers that hold a solid at its reference position, kappa (X - chi) - eta U.
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from dolfinx import fem
 
+    from valvefsi.types import Array
+
 
 def weak(method: Callable[..., None]) -> Callable[..., None]:
     """Return a callback that does not keep the method's object alive.
@@ -45,14 +47,23 @@ class Newton:
         state: The unknown w; start value in, solution out.
         residual: UFL linear form F(w; v).
         conditions: Prescribed values.
+        forces: Dead forces on owned degrees of freedom, which F loses times ``factor``; None for none.
+
+    Attributes:
+        factor: Of the forces.
 
     Note:
         Collective. A failed solve leaves ``state`` as it was.
     """
 
     def __init__(
-        self, state: fem.Function, residual: ufl.Form, conditions: Sequence[fem.DirichletBC]
+        self,
+        state: fem.Function,
+        residual: ufl.Form,
+        conditions: Sequence[fem.DirichletBC],
+        forces: Array | None = None,
     ) -> None:
+        self.factor, self._forces = 1.0, forces
         self._state, self._conditions = state, list(conditions)
         self._residual = compat.compile_form(residual)
         self._tangent = compat.compile_form(ufl.derivative(residual, state))
@@ -63,6 +74,9 @@ class Newton:
         self._snes.setFunction(weak(self._assemble_residual), self._b)
         self._snes.setJacobian(weak(self._assemble_tangent), self._A)
         self._snes.setType("newtonls")
+        self._snes.setDivergenceTolerance(
+            1e300
+        )  # the default, 1e4, is less than a full step of a thin body makes
         ksp = self._snes.getKSP()
         ksp.setType("preonly")
         ksp.setOperators(self._A)
@@ -124,6 +138,8 @@ class Newton:
         fem_petsc.assemble_vector(b, self._residual)
         fem_petsc.apply_lifting(b, [self._tangent], [self._conditions], [x], -1.0)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        if self._forces is not None:
+            b.array[:] -= self.factor * self._forces
         fem_petsc.set_bc(b, self._conditions, x, -1.0)
 
     def _assemble_tangent(self, _snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, _P: PETSc.Mat) -> None:

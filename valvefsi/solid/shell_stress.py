@@ -15,8 +15,6 @@ from mpi4py import MPI
 
 from valvefsi.solid.elements.shell_cells import gauss
 from valvefsi.solid.elements.shell_kinematics import (
-    Metric,
-    ShellKinematics,
     assumed_metric,
     base_vectors,
     volume_density,
@@ -33,9 +31,9 @@ if TYPE_CHECKING:
 class ShellStress(Stress):
     """Stress and strain at the 2 x 2 x 2 Gauss points of solid-shell elements, at their present position.
 
-    The stretch U of the energy, U^2 = C of `ShellKinematics`, takes the place of that of the nodes: F = R U with R from
-    the nodes' gradient. The stress is dW/dC with the pressure that leaves none through the thickness, and on top of it
-    that of the volumetric energies.
+    The stretch U of the energy, U^2 = C of `ShellCells.kinematics_of`, takes the place of that of the nodes: F = R U
+    with R from the nodes' gradient. The stress is dW/dC with the pressure that leaves none through the thickness, and
+    on top of it that of the volumetric energies.
 
     Args:
         elasticity: The elements.
@@ -56,15 +54,17 @@ class ShellStress(Stress):
     def _compile(self, fibre: Direction | None) -> object:
         """Compile gradient, C, S, the measure and the fibre at the points, for the separate cells."""
         cells = self.elasticity.cells
-        strain = ufl.variable(ufl.as_vector(list(assumed_metric(cells.m, cells.M, cells.at))))
-        metric = Metric(*(strain[i] for i in range(5)))
-        c = ufl.diff(cells.energy_of(metric), strain)
+        metric = assumed_metric(cells.m, cells.M, cells.at)
+        c, normal = cells.stress()
         G = base_vectors(cells.M, cells.at)
         g = base_vectors(cells.m, cells.at)
-        kinematics = ShellKinematics(metric, G, cells.fibres)
+        kinematics = cells.kinematics_of(metric)
         K = kinematics.dual
         F = sum((ufl.outer(g[i], K[i]) for i in range(1, 3)), ufl.outer(g[0], K[0]))
-        S = 2 * c[0] * ufl.outer(G[0], G[0]) + 2 * c[1] * ufl.outer(G[1], G[1])
+        S = 2 * sum(
+            (a * ufl.outer(v, v) for a, v in zip((c[1], normal), G[1:], strict=True)),
+            c[0] * ufl.outer(G[0], G[0]),
+        )
         for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2)), start=2):
             S += c[k] * (ufl.outer(G[i], G[j]) + ufl.outer(G[j], G[i]))
         parts = [A[i, j] for A in (F, kinematics.C, S) for i in range(3) for j in range(3)]

@@ -49,8 +49,8 @@ class Discretisation:
         kappa: Numerical bulk modulus instead of the one that nu_stab gives, 0 for off [dyn/cm^2].
         volumetric_degree: Degree of the quadrature of what kappa adds to the bulk modulus of nu_stab, which keeps
             that of the forces and with it single points from inverting; None for that of the forces everywhere.
-        element: "lagrange", or "solid_shell" for thin incompressible bodies of hexahedra, see
-            `valvefsi.solid.elements.shell_kinematics`: they bend without locking, one or two through the thickness.
+        element: "lagrange", or "solid_shell" for thin bodies of hexahedra, incompressible or of `SaintVenantKirchhoff`,
+            see `valvefsi.solid.elements.shell_kinematics`: they bend without locking, one or two through the thickness.
     """
 
     element: str = "lagrange"

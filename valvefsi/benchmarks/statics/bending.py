@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
@@ -58,6 +58,8 @@ QUADRATURE = 7
 
 Counts = tuple[int, int, int]
 Motion = Callable[["Array", float], "Array"]
+Answer = Callable[..., float]
+"""What is measured: of a strip, elements along, across and through it, their kind, a communicator."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,38 +100,57 @@ class Strip:
         return round(LENGTH / self.edge), 2 * math.ceil(WIDTH / self.edge / 2 - 1e-9), self.layers
 
 
+def answers(strip: Strip) -> dict[str, Answer]:
+    """Return what is measured of a strip by name of its ratio; each takes elements of one kind (collective)."""
+    found: dict[str, Answer] = {"stiffness_ratio": deflection, "stiffness_ratio_90": right_angle}
+    if strip.radius is None:
+        found["membrane_ratio"] = partial(energy_of, motion=pull)
+        found["twist_ratio"] = partial(energy_of, motion=rotation(0.05, **AXIS))
+    return found
+
+
+def reference_counts(name: str) -> Counts:
+    """Return the Taylor-Hood elements that a ratio's reference is computed with."""
+    return TURNED if name == "stiffness_ratio_90" else REFERENCE
+
+
+def ratio_of(name: str, own: float, reference: float) -> float:
+    """Return the ratio of stiffness, solid shell over incompressible; a deflection is the other way round."""
+    return reference / own if name == "stiffness_ratio" else own / reference
+
+
 def ratios(strip: Strip, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, float]:
     """Return the ratios of stiffness, 1 for an element that neither locks nor is too soft (collective)."""
-    fine, turned = (Bent(strip, counts, TaylorHood(), comm) for counts in (REFERENCE, TURNED))
-    own = Bent(strip, strip.counts, SolidShell(kappa=strip.kappa), comm)
-    values = {
-        "stiffness_ratio": fine.deflection() / own.deflection(),
-        "stiffness_ratio_90": own.right_angle() / turned.right_angle(),
-    }
-    if strip.radius is None:
-        for name, motion in (("membrane_ratio", _pull), ("twist_ratio", rotation(0.05, **AXIS))):
-            values[name] = own.energy(motion) / fine.energy(motion)
-    return values
+    found = {}
+    for name, answer in answers(strip).items():
+        reference = answer(strip, reference_counts(name), TaylorHood(), comm)
+        found[name] = ratio_of(
+            name, answer(strip, strip.counts, SolidShell(kappa=strip.kappa), comm), reference
+        )
+    return found
 
 
 def series(strip: Strip, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, list[float]]:
     """Return the edges 2 E, E, E/2 and the ratio of bending stiffness with one and with two layers (collective)."""
-    edges = [2 * strip.edge, strip.edge, strip.edge / 2]
-    shell, linear = SolidShell(kappa=strip.kappa), statics.NearlyIncompressible(degree=1, kappa=strip.kappa)
-    expected = Bent(strip, REFERENCE, TaylorHood(), comm).deflection()
-
-    def over_edges(layers: int, formulation: Formulation | SolidShell) -> list[float]:
-        finer = [replace(strip, edge=edge, layers=layers) for edge in edges]
-        return [expected / Bent(s, s.counts, formulation, comm).deflection() for s in finer]
-
-    ratios = {f"layers_{layers}": over_edges(layers, shell) for layers in (1, 2)}
-    return {"edge_cm": edges, **ratios, "linear_hexahedra": over_edges(strip.layers, linear)}
+    expected = deflection(strip, REFERENCE, TaylorHood(), comm)
+    found: dict[str, list[float]] = {"edge_cm": [2 * strip.edge, strip.edge, strip.edge / 2]}
+    for layers in (1, 2):
+        finer = [replace(strip, edge=edge, layers=layers) for edge in found["edge_cm"]]
+        shell = SolidShell(kappa=strip.kappa)
+        found[f"layers_{layers}"] = [expected / deflection(s, s.counts, shell, comm) for s in finer]
+    linear = statics.NearlyIncompressible(degree=1, kappa=strip.kappa)
+    found["linear_hexahedra"] = [
+        expected / deflection(s, s.counts, linear, comm)
+        for s in (replace(strip, edge=edge) for edge in found["edge_cm"])
+    ]
+    return found
 
 
 AXIS = {"axis": (1.0, 0.0, 0.0), "through": (0.0, WIDTH / 2, 0.0)}
 
 
-def _pull(X: Array, s: float) -> Array:
+def pull(X: Array, s: float) -> Array:
+    """Return the displacement of an end that is pulled by 0.1 % of the length."""
     return np.outer(np.full(len(X), 1e-3 * LENGTH * s), (1.0, 0.0, 0.0))
 
 
@@ -172,91 +193,86 @@ def _end(strip: Strip, height: float) -> tuple[float, float, float]:
     return r * math.sin(turn) - 1e-9, WIDTH / 2, r * math.cos(turn) - strip.radius
 
 
+def deflection(strip: Strip, counts: Counts, formulation: Formulation | SolidShell, comm: MPI.Comm) -> float:
+    """Return the deflection of the end under a pressure that turns it by about a degree (collective)."""
+    solution = statics.solve(
+        mesh_of(strip, counts, comm),
+        material_of(strip),
+        fixed=[Fixed(on=("x_lower",))],
+        loads=[Pressure(on=("z_lower",), value=0.02 * _unit_pressure(strip))],
+        formulation=formulation,
+        options=statics.SolverOptions(quadrature_degree=QUADRATURE, first_increment=1.0),
+    )
+    return float(np.linalg.norm(solution.displacement_at(_end(strip, 0.0))))
+
+
 class _Reached(Exception):
     """The end has turned far enough."""
 
 
-@dataclass(frozen=True)
-class Bent:
-    """A strip in so many elements of a kind, clamped at one end. Its methods are collective."""
+def right_angle(strip: Strip, counts: Counts, formulation: Formulation | SolidShell, comm: MPI.Comm) -> float:
+    """Return the pressure at which the end has turned by 90 degrees [dyn/cm^2] (collective)."""
+    largest = LARGEST * 0.5 * math.pi * _unit_pressure(strip)
+    reach = 0.498 * strip.thickness
+    ends = np.array([_end(strip, -reach), _end(strip, reach)])
+    turns, pressures = [0.0], [0.0]
 
-    strip: Strip
-    counts: Counts
-    formulation: Formulation | SolidShell
-    comm: MPI.Comm
+    def look(s: float, solution: statics.StaticSolution) -> None:
+        normal, before = np.diff(ends + solution.displacement_at(ends), axis=0)[0], np.diff(ends, axis=0)[0]
+        turned = math.atan2(before[0], before[2]) - math.atan2(normal[0], normal[2])
+        turns.append(turned % (2 * math.pi))
+        pressures.append(s * largest)
+        if turns[-1] > 0.5 * math.pi:
+            raise _Reached
 
-    @cached_property
-    def mesh(self) -> SolidMesh:
-        """The mesh."""
-        return mesh_of(self.strip, self.counts, self.comm)
-
-    def solve(self, fixed: Sequence[Fixed] = (), pressure: float = 0.0, **how: Any) -> statics.StaticSolution:
-        """Return the equilibrium under further supports and a pressure on the lower face [dyn/cm^2].
-
-        Args:
-            fixed: Supports beside the clamp.
-            pressure: The pressure.
-            how: Called at stops as ``on_stop``; the rest as of `SolverOptions`.
-        """
-        look = {"on_stop": how.pop("on_stop")} if "on_stop" in how else {}
-        return statics.solve(
-            self.mesh,
-            material_of(self.strip),
-            fixed=[Fixed(on=("x_lower",)), *fixed],
-            loads=[Pressure(on=("z_lower",), value=pressure)] if pressure else [],
-            formulation=self.formulation,
-            options=statics.SolverOptions(**{"quadrature_degree": QUADRATURE, "first_increment": 1.0} | how),
-            **look,
+    held = [Fixed(on=("x_lower",)), Fixed(on=("y_lower", "y_upper"), components=("y",))]
+    options = statics.SolverOptions(
+        quadrature_degree=QUADRATURE, first_increment=STOPS[0], smallest_increment=1e-6, stops=STOPS
+    )
+    try:
+        statics.solve(
+            mesh_of(strip, counts, comm),
+            material_of(strip),
+            fixed=held,
+            loads=[Pressure(on=("z_lower",), value=largest)],
+            formulation=formulation,
+            options=options,
+            on_stop=look,
         )
+    except _Reached:
+        return float(PchipInterpolator(turns, pressures)(0.5 * math.pi))
+    raise ConvergenceError(
+        f"bending: the end of the strip turned by {math.degrees(turns[-1]):.3g} degrees only"
+    )
 
-    def deflection(self) -> float:
-        """Return the deflection of the end under a pressure that turns it by about a degree [cm]."""
-        solution = self.solve(pressure=0.02 * _unit_pressure(self.strip))
-        return float(np.linalg.norm(solution.displacement_at(_end(self.strip, 0.0))))
 
-    def right_angle(self) -> float:
-        """Return the pressure at which the end has turned by 90 degrees [dyn/cm^2]."""
-        largest = LARGEST * 0.5 * math.pi * _unit_pressure(self.strip)
-        reach = 0.498 * self.strip.thickness
-        ends = np.array([_end(self.strip, -reach), _end(self.strip, reach)])
-        turns, pressures = [0.0], [0.0]
-
-        def look(s: float, solution: statics.StaticSolution) -> None:
-            normal, before = (
-                np.diff(ends + solution.displacement_at(ends), axis=0)[0],
-                np.diff(ends, axis=0)[0],
-            )
-            turned = math.atan2(before[0], before[2]) - math.atan2(normal[0], normal[2])
-            turns.append(turned % (2 * math.pi))
-            pressures.append(s * largest)
-            if turns[-1] > 0.5 * math.pi:
-                raise _Reached
-
-        sides = Fixed(on=("y_lower", "y_upper"), components=("y",))
-        steps = {"first_increment": STOPS[0], "smallest_increment": 1e-6, "stops": STOPS}
-        try:
-            self.solve([sides], largest, on_stop=look, **steps)
-        except _Reached:
-            return float(PchipInterpolator(turns, pressures)(0.5 * math.pi))
-        raise ConvergenceError(
-            f"bending: the end of the strip turned by {math.degrees(turns[-1]):.3g} degrees only"
+def energy_of(
+    strip: Strip,
+    counts: Counts,
+    formulation: Formulation | SolidShell,
+    comm: MPI.Comm,
+    *,
+    motion: Motion,
+) -> float:
+    """Return the strain energy of a strip whose end is moved [erg] (collective)."""
+    mesh, material = mesh_of(strip, counts, comm), material_of(strip)
+    solution = statics.solve(
+        mesh,
+        material,
+        fixed=[Fixed(on=("x_lower",)), Fixed(on=("x_upper",), value=motion)],
+        formulation=formulation,
+        options=statics.SolverOptions(quadrature_degree=QUADRATURE, first_increment=1.0),
+    )
+    if isinstance(formulation, SolidShell):
+        solid = Structure(
+            mesh, material, discretisation=Discretisation(element="solid_shell", kappa=strip.kappa)
         )
-
-    def energy(self, motion: Motion) -> float:
-        """Return the strain energy of a strip whose end is moved [erg]."""
-        solution = self.solve([Fixed(on=("x_upper",), value=motion)])
-        mesh, material = self.mesh, material_of(self.strip)
-        if isinstance(self.formulation, SolidShell):
-            elements = Discretisation(element="solid_shell", kappa=self.strip.kappa)
-            solid = Structure(mesh, material, discretisation=elements)
-        else:
-            elements = Discretisation(degree=2, quadrature_degree=QUADRATURE)
-            solid = Structure(mesh, material, nu_stab=None, discretisation=elements)
-        moved = solid.elasticity.position
-        moved.interpolate(
-            solution.displacement
-        )  # the spaces of statics may number their nodes in another order
-        return solid.energy(solid.X + moved.x.array.reshape(-1, 3)[: len(solid.X)])
+    else:
+        given = Discretisation(degree=2, quadrature_degree=QUADRATURE)
+        solid = Structure(mesh, material, nu_stab=None, discretisation=given)
+    moved = solid.elasticity.position
+    moved.interpolate(solution.displacement)  # the spaces of statics may number their nodes in another order
+    return solid.energy(solid.X + moved.x.array.reshape(-1, 3)[: len(solid.X)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -299,7 +315,7 @@ class Bending(Benchmark[Strip, None]):
         """Return the ratios of a strip, and their convergence over edges."""
         return {"ratios": ratios(run, job.comm), "series": series(run, job.comm)}
 
-    def report(self, records: Sequence[Record], reference: None) -> Report:
+    def report(self, records: Sequence[Record], known: None) -> Report:
         """Return the ratios of stiffness."""
         (r,) = records
         source = "mixed Q2-Q1 elements, {} x {} x {}".format(*REFERENCE)
@@ -311,7 +327,7 @@ class Bending(Benchmark[Strip, None]):
             table=[row(name, value, 1.0, source) for name, value in r["ratios"].items()],
         )
 
-    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
+    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
         """Draw the convergence over edges."""
         from valvefsi.post.plots.bending import edge_series
 

@@ -27,6 +27,7 @@ from valvefsi.verification.convergence import extrapolated, observed_order
 if TYPE_CHECKING:
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics import StaticSolution
+    from valvefsi.solid.stress import Stress
 
 SIMPLEX = {"triangle", "tetrahedron"}
 References = Mapping[str, Sequence[Reference]]
@@ -59,11 +60,17 @@ def answer_of(
     """Return the answer of one mesh, with the body and all its stresses; ``fibres`` as of `Stress` (collective)."""
     spaces = (solution.displacement.function_space, solution.pressure.function_space)
     unknowns = sum(s.dofmap.index_map.size_global * s.dofmap.index_map_bs for s in spaces)
-    gathered, body = stress_of_solution(solution, material, **fibres).gather(), None
-    if gathered is not None:
-        points, cells, fields, reference = gathered
-        body = Body(points=points, cells=cells, values=fields, reference=reference, shown=LABELS["von_mises"])
+    body = body_of(stress_of_solution(solution, material, **fibres))
     return Answer(values=values, unknowns=unknowns, body=body)
+
+
+def body_of(stress: Stress) -> Body | None:
+    """Return the body with all its stresses on rank 0, None on the others (collective)."""
+    gathered = stress.gather()
+    if gathered is None:
+        return None
+    points, cells, fields, reference = gathered
+    return Body(points=points, cells=cells, values=fields, reference=reference, shown=LABELS["von_mises"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +84,7 @@ class Series:
         cell: Kind of cell.
         records: Of its meshes, the coarsest first.
         references: What it is compared with.
+        ordered: Whether the lines hold the observed order and the extrapolation.
     """
 
     name: str
@@ -85,6 +93,7 @@ class Series:
     cell: str
     records: Sequence[Record]
     references: Sequence[Reference]
+    ordered: bool = True
 
     @property
     def values(self) -> list[float]:
@@ -108,6 +117,8 @@ class Series:
         names = [f"{self.label} ({self.cell}, {record['elements']})" for record in self.records]
         lines = [compared(name, v, first, self.unit) for name, v in zip(names, self.values, strict=True)]
         lines += [compared("", self.values[-1], reference, self.unit) for reference in more]
+        if not self.ordered:
+            return lines
         exact, limit, name = self.exact, extrapolated(self.values), f"observed order, {self.cell}"
         source = "from errors" if exact is not None else "from successive differences"
         lines += order_row(name, self.values, exact=exact, source=source)
@@ -133,7 +144,9 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
     """A static benchmark: it states its cells, its answer on one mesh and what this is compared with."""
 
     title: ClassVar[str]
-    cells: ClassVar[tuple[str, str]]
+    cells: ClassVar[tuple[str, ...]]
+    also: ClassVar[tuple[str, ...]] = ()
+    """Further kinds that "both" stands for, such as linear elements: the cell, and after a comma what they are."""
     coarsest: ClassVar[int] = 1
     units: ClassVar[Mapping[str, tuple[str, str]]] = {}
     """Unit and label of each quantity."""
@@ -154,8 +167,8 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
     def kinds(self) -> tuple[str, ...]:
         """Return the kinds of cell that are asked for."""
         if self.cell == "both":
-            return self.cells
-        simplex = next(cell for cell in self.cells if cell in SIMPLEX)
+            return self.cells + self.also
+        simplex = next((cell for cell in self.cells if cell in SIMPLEX), "simplex")
         kind = simplex if self.cell == "simplex" else self.cell
         if kind not in self.cells:
             near = nearest(self.cell, ["both", "simplex", *self.cells])
@@ -189,6 +202,7 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
                 cell=cell,
                 records=[record for record in records if record["cell"] == cell],
                 references=reference.get(name, ()),
+                ordered=cell not in self.also,
             )
             for name in records[0]["values"]
             for cell in _finest(records)
@@ -210,9 +224,12 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
     def draw(self, records: Sequence[Record], reference: References, out: Path) -> None:
         for cell, finest in _finest(records).items():
             if finest.get("_body") is not None:
-                caption = f"{cell}, {finest['unknowns']:,} unknowns"
-                deformed(out / f"deformed_{cell}.png", finest["_body"], title=self.title, caption=caption)
-                write_body(out / f"solid_{cell}.vtu", finest["_body"])
+                caption, name = (
+                    f"{cell}, {finest['unknowns']:,} unknowns",
+                    cell.replace(",", "").replace(" ", "_"),
+                )
+                deformed(out / f"deformed_{name}.png", finest["_body"], title=self.title, caption=caption)
+                write_body(out / f"solid_{name}.vtu", finest["_body"])
         if self.refine:
             panels = []
             for name, parts in itertools.groupby(self.series(records, reference), lambda one: one.name):

@@ -75,3 +75,40 @@ def over_kappa(path: Path, columns: Mapping[str, Array], *, title: str) -> Path:
             axes.legend(frameon=False)
         headings(figure, title, "dashed: 1 %")
         return saved(figure, path)
+
+
+def ratio_points(path: Path, strips: Sequence[tuple[Mapping[str, object], Mapping[str, object]]]) -> Path:
+    """Draw the ratios of stiffness of many strips, a panel for each kind; what was not found is missing.
+
+    Args:
+        path: The picture, PNG or PDF.
+        strips: What each strip is ("material", "angle", "radius", "thickness", "layers") and its ratios by name.
+    """
+    kinds = list(dict.fromkeys(name for _, ratios in strips for name in ratios))
+    rows = list(dict.fromkeys((strip["material"], strip["angle"], strip["radius"]) for strip, _ in strips))
+    with mpl.rc_context(STYLE):
+        height = 1.9 + 0.3 * len(rows)
+        figure = Figure(figsize=(10.6, height), dpi=160, facecolor="white")
+        panels = np.atleast_1d(figure.subplots(1, len(kinds), sharey=True))
+        edges = {"top": 1 - 0.8 / height, "bottom": 0.65 / height}
+        figure.subplots_adjust(left=0.34, right=0.97, wspace=0.22, **edges)
+        for axes, kind in zip(panels, kinds, strict=True):
+            axes.axvspan(0.95, 1.05, color=INK, alpha=0.08, lw=0)
+            for strip, ratios in strips:
+                value = ratios.get(kind)
+                if isinstance(value, float):
+                    at = rows.index((strip["material"], strip["angle"], strip["radius"]))
+                    thick, layers = float(str(strip["thickness"])), int(str(strip["layers"]))
+                    colour, shift = LINES[layers - 1], 5 * (thick - 0.04)
+                    axes.plot(value, at + shift, "o", ms=3.5, color=colour, mew=0)
+            axes.set_xlabel(kind.replace("_", " "))
+            plain(axes)
+        names = [f"{str(m).replace('_', ' ')}, {a:g} deg, {'curved' if r else 'flat'}" for m, a, r in rows]
+        panels[0].set_yticks(range(len(rows)), names)
+        panels[0].set_ylim(len(rows) - 0.5, -0.5)
+        headings(
+            figure,
+            "Strips of leaflet, solid shell over incompressible",
+            "one layer and two (second colour); the band is 5 % either way",
+        )
+        return saved(figure, path)

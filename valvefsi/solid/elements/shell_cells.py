@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,9 @@ from valvefsi.solid.elements.shell_kernels import monomials
 from valvefsi.solid.elements.shell_kinematics import (
     Metric,
     ShellKinematics,
+    StressFreeKinematics,
     assumed_metric,
+    assumed_thickness,
     base_vectors,
     volume_density,
 )
@@ -36,8 +38,27 @@ if TYPE_CHECKING:
     from valvefsi.solid.materials import Material, Volumetric
     from valvefsi.types import Array, Indices
 
+    Place = tuple[Expr | float, Expr | float, Expr | float]
+
 MODES = 7
 """Monomials of an element's position but the constant one."""
+
+
+class Part(NamedTuple):
+    """A part of an energy: strains q(m), energy of them per cell of the reference coordinates, measure."""
+
+    strains: Callable[[Expr], Expr]
+    energy: Callable[[Expr], Expr]
+    dx: ufl.Measure
+
+    def stress(self, q: Expr) -> Expr:
+        """Return the derivative of the energy by the strains."""
+        strains = ufl.variable(q)
+        return ufl.diff(self.energy(strains), strains)
+
+    def rate(self, m: fem.Function, test: Expr) -> Expr:
+        """Return the derivative of the strains by the monomials along ``test``."""
+        return ufl.derivative(self.strains(m), m, test)
 
 
 class ShellCells:
@@ -47,12 +68,14 @@ class ShellCells:
 
         E = int W(C) dX + sum_columns U_1(J) dX + U_2(J of the cell) V
 
-    with C of `ShellKinematics`. DOLFINx compiles it, its gradient and its tangent on a mesh of separate cells; the
-    cells have the coordinates (xi, eta, zeta), so that nothing of the real mesh is in the forms but the monomials.
+    with C of `ShellKinematics`; of a compressible material C of `StressFreeKinematics` and, in place of U_1 and U_2,
+    (lam + 2 mu)/2 e^2, e the strain along the normal beside the one that leaves no stress there.
+    DOLFINx compiles it, its gradient and its tangent on a mesh of separate cells; the cells have the coordinates
+    (xi, eta, zeta), so that nothing of the real mesh is in the forms but the monomials.
 
     Args:
         X: Corners of the elements, node i + 2 j + 4 l, the thickness along l, ``(num_cells, 8, 3)`` [cm].
-        material: Energy W of an incompressible body.
+        material: Energy W of an incompressible body, or one with ``thinning``, see `Material`.
         columns: Volumetric energy U_1 of each column of points through the thickness.
         mean: Volumetric energy U_2 of the whole cell.
         points: Gauss points through the thickness.
@@ -73,15 +96,17 @@ class ShellCells:
         self.mesh, self.order = _separate_cells(len(X))
         space = fem.functionspace(self.mesh, ("DG", 0, (MODES, 3)))
         self._space = space
-        self.m, self.M = fem.Function(space, name="m"), fem.Function(space, name="M")
+        self.m, self.M, self.last = (fem.Function(space, name=name) for name in ("m", "M", "last"))
         self.X = np.ascontiguousarray(X[self.order]).reshape(-1, 3)
         self._own = np.arange(8 * len(X), dtype=np.int32).reshape(-1, 8)
         monomials(self.M.x.array.reshape(-1, MODES, 3), self.X, self._own)
-        self.m.x.array[:] = self.M.x.array
+        self.m.x.array[:] = self.last.x.array[:] = self.M.x.array
         self.fibres = {name: self._constant(vectors) for name, vectors in fibres.items()}
         self.at = tuple(ufl.SpatialCoordinate(self.mesh))
         self.bulk_factor = fem.Constant(self.mesh, 1.0)
         self._material, self._columns, self._mean = material, columns, mean
+        self._thinning = getattr(material, "thinning", None)
+        self._normal_modulus = getattr(material, "normal_modulus", 0.0)
         self._compile()
 
     def _constant(self, vectors: Array) -> fem.Function:
@@ -90,15 +115,15 @@ class ShellCells:
         return field
 
     @functools.cached_property
-    def _parts(self) -> list[tuple[Callable[[Expr], Expr], ufl.Measure]]:
-        """Energies per cell of the reference coordinates as functions of the monomials, each with its measure."""
-        parts: list[tuple[Callable[[Expr], Expr], ufl.Measure]] = [
-            (self._strain_energy, self.measure(self.points))
-        ]
+    def _parts(self) -> list[Part]:
+        """What the energy of a cell is the sum of."""
+        parts = [Part(self._layer_strains, self._strain_energy, self.measure(self.points))]
+        if self._thinning is not None:
+            parts.append(Part(self._normal_strains, self._normal_energy, self.measure(1)))
         if self._columns.kappa > 0:
-            parts.append((self._column_energy, self.measure(1)))
+            parts.append(Part(self._column_strains, self._column_energy, self.measure(1)))
         if self._mean.kappa > 0:
-            parts.append((self._mean_energy, self.measure(1, 1)))
+            parts.append(Part(self._mean_strains, self._mean_energy, self.measure(1, 1)))
         return parts
 
     def measure(self, through: int, along: int = 2) -> ufl.Measure:
@@ -107,20 +132,70 @@ class ShellCells:
         metadata = {"quadrature_rule": "custom", "quadrature_points": points, "quadrature_weights": weights}
         return ufl.Measure("dx", domain=self.mesh, metadata=metadata)
 
-    def _strain_energy(self, m: Expr) -> Expr:
-        return self.energy_of(assumed_metric(m, self.M, self.at)) * volume_density(self.M, self.at)
+    @property
+    def _density(self) -> Expr:
+        """Volume per volume of the reference coordinates, of right- and left-handed cells."""
+        return abs(volume_density(self.M, self.at))
+
+    def _layer_strains(self, m: Expr) -> Expr:
+        return ufl.as_vector(list(assumed_metric(m, self.M, self.at)))
+
+    def _strain_energy(self, strains: Expr) -> Expr:
+        return self.energy_of(_metric(strains)) * self._density
+
+    def kinematics_of(self, metric: Metric, at: Place | None = None) -> ShellKinematics:
+        """Return what an energy may depend on, of a metric, at a place in the cell (default: the integration's)."""
+        frame = base_vectors(self.M, at or self.at)
+        if self._thinning is None:
+            return ShellKinematics(metric, frame, self.fibres)
+        return StressFreeKinematics(metric, frame, self.fibres, self._thinning)
 
     def energy_of(self, metric: Metric) -> Expr:
         """Return W of a metric."""
-        return self._material.energy(ShellKinematics(metric, base_vectors(self.M, self.at), self.fibres))
+        return self._material.energy(self.kinematics_of(metric))
 
-    def _column_energy(self, m: Expr) -> Expr:
-        V = volume_density(self.M, self.at)
-        return self._columns.energy(_Volume(volume_density(m, self.at) / V)) * V
+    def _column_strains(self, m: Expr) -> Expr:
+        return ufl.as_vector([volume_density(m, self.at) / volume_density(self.M, self.at)])
 
-    def _mean_energy(self, m: Expr) -> Expr:
-        V = _volume(self.M)
-        return self.bulk_factor * self._mean.energy(_Volume(_volume(m) / V)) * V / 8
+    def _column_energy(self, strains: Expr) -> Expr:
+        return self._columns.energy(_Volume(strains[0])) * self._density
+
+    def _normal_strains(self, m: Expr) -> Expr:
+        return ufl.as_vector([self._growth(m, self.at), *assumed_metric(m, self.M, self.at)])
+
+    def _normal_energy(self, strains: Expr) -> Expr:
+        excess = self._excess(strains[0], _metric(strains, 1), self.at)
+        return self._normal_modulus / 2 * excess**2 * self._density
+
+    def _growth(self, m: Expr, at: Place) -> Expr:
+        """Return how c_33 of the nodes has changed."""
+        return assumed_thickness(m, at) - assumed_thickness(self.M, at)
+
+    def _excess(self, growth: Expr, metric: Metric, at: Place) -> Expr:
+        """Return the strain along the normal beside the one that leaves no stress there."""
+        kinematics = self.kinematics_of(metric, at)
+        assert isinstance(kinematics, StressFreeKinematics)
+        normal = kinematics.dual[2]
+        return (growth - kinematics.growth) / 2 * ufl.inner(normal, normal)
+
+    def _mean_strains(self, m: Expr) -> Expr:
+        return ufl.as_vector([_volume(m) / _volume(self.M)])
+
+    def _mean_energy(self, strains: Expr) -> Expr:
+        return self.bulk_factor * self._mean.energy(_Volume(strains[0])) * abs(_volume(self.M)) / 8
+
+    def stress(self) -> tuple[Expr, Expr]:
+        """Return the derivative of the energy by the metric, ``(5,)``, and by c_33, that of the middle [dyn/cm^2]."""
+        here = ufl.variable(self._layer_strains(self.m))
+        c = ufl.diff(self.energy_of(_metric(here)), here)
+        if self._thinning is None:
+            return c, 0.0 * c[0]
+        middle = (self.at[0], self.at[1], 0.0)
+        strains = [self._growth(self.m, middle), *assumed_metric(self.m, self.M, middle)]
+        there = ufl.variable(ufl.as_vector(strains))
+        excess = self._excess(there[0], _metric(there, 1), middle)
+        more = ufl.diff(self._normal_modulus / 2 * excess**2, there)
+        return c + ufl.as_vector([more[i] for i in range(1, 6)]), more[0]
 
     def pressure(self) -> Expr:
         """Return U_1' at J of the column through the point and U_2' at that of the cell [dyn/cm^2]."""
@@ -132,16 +207,11 @@ class ShellCells:
         return sum(ufl.diff(U.energy(_Volume(J)), J) for U, J in pairs if U.kappa > 0) + 0.0 * xi
 
     def _compile(self) -> None:
-        test, trial = ufl.TestFunction(self._space), ufl.TrialFunction(self._space)
-        metric = assumed_metric(self.m, self.M, self.at)
-        strain = ufl.variable(ufl.as_vector(list(metric)))
-        W = self.energy_of(Metric(*(strain[i] for i in range(5))))
-        S = ufl.diff(W, strain)
-        rate = ufl.derivative(ufl.as_vector(list(metric)), self.m, test)
-        work = ufl.inner(S, rate) * volume_density(self.M, self.at) * self.measure(self.points)
-        for energy, dx in self._parts[1:]:
-            work += ufl.derivative(energy(self.m), self.m, test) * dx
-        self._work, self._trial = work, trial
+        test = ufl.TestFunction(self._space)
+        work = sum(
+            ufl.inner(part.stress(part.strains(self.m)), part.rate(self.m, test)) * part.dx
+            for part in self._parts
+        )
         self._force_form = compat.compile_form(-work)
         self._constants = compat.pack_constants(self._force_form)
         self._coefficients = PackedFunctions(self._force_form, self.m)
@@ -160,21 +230,47 @@ class ShellCells:
 
     @functools.cached_property
     def _tangent(self) -> tuple[fem.Form, PETSc.Mat]:
-        form = compat.compile_form(ufl.derivative(self._work, self.m, self._trial))
+        test, trial, m, last = (
+            ufl.TestFunction(self._space),
+            ufl.TrialFunction(self._space),
+            self.m,
+            self.last,
+        )
+        K = None
+        for part in self._parts:
+            q = part.strains(last)
+            linear = q + ufl.derivative(q, last, m - last)
+            rate = part.rate(m, test)
+            material = ufl.inner(ufl.derivative(part.stress(part.strains(m)), m, trial), rate)
+            geometric = ufl.inner(part.stress(linear), ufl.derivative(rate, m, trial))
+            K = (material + geometric) * part.dx + (0 if K is None else K)
+        form = compat.compile_form(K)
         return form, fem_petsc.create_matrix(form)
 
+    def start(self) -> None:
+        """Take the present monomials for those that the next tangents are linearised about."""
+        self.last.x.array[:] = self.m.x.array
+
     def tangents(self) -> Array:
-        """Return the second derivatives of E by the monomials, ``(num_cells, 21, 21)``."""
+        """Return the second derivatives of E by the monomials, ``(num_cells, 21, 21)``.
+
+        With q(m) the strains, E' = E_q q' and E'' = q' E_qq q' + E_q q''. The stress E_q before q'' is that of the
+        strains that the last linear step promised, q + q' dm, not those that the nodes have now: an element that turns
+        in a linear step is lengthened by it, and the stress of that, which the next step takes away, would spoil it.
+        It is Newton's method with the stress of each point as an unknown of its own, and the same solution
+        (Magisano, Leonetti and Garcea 2017, Int. J. Numer. Meth. Engng 109).
+        """
         form, matrix = self._tangent
         matrix.zeroEntries()
         fem_petsc.assemble_matrix(matrix, form)
         matrix.assemble()
         _, _, values = matrix.getValuesCSR()  # one block a cell, its columns in order
+        self.start()
         return values.reshape(self.num_cells, MODES * 3, MODES * 3)
 
     @functools.cached_property
     def _energy_form(self) -> fem.Form:
-        return compat.compile_form(sum(energy(self.m) * dx for energy, dx in self._parts))
+        return compat.compile_form(sum(part.energy(part.strains(self.m)) * part.dx for part in self._parts))
 
     def energy(self) -> float:
         """Return the energy of all cells [erg]."""
@@ -203,6 +299,11 @@ class ShellCells:
         out = np.empty_like(values)
         out[self.order] = values
         return out
+
+
+def _metric(strains: Expr, first: int = 0) -> Metric:
+    """Return five of the strains as a metric."""
+    return Metric(*(strains[first + i] for i in range(5)))
 
 
 class _Volume:

@@ -17,7 +17,7 @@ from valvefsi.errors import CaseError
 from valvefsi.solid.elements.shell_cells import MODES, ShellCells
 from valvefsi.solid.elements.shell_kernels import add_monomials, monomials
 from valvefsi.solid.elements.shell_layers import BITS, slants, thickness_axes, through_last
-from valvefsi.solid.materials import SaintVenantKirchhoff, Volumetric, kappa_stab, stabilisation
+from valvefsi.solid.materials import Volumetric, kappa_stab, stabilisation
 from valvefsi.solid.materials.fibres import at_midpoints
 from valvefsi.solid.materials.kinematics import Kinematics
 
@@ -36,13 +36,15 @@ def split(
 
     The columns need just enough to keep their thickness from alternating. More stiffens layers that bend: the nodes'
     thickness is continuous and the stretch of the layers is not (two layers of ten elements: 4 to 6 % with nu = 0.4,
-    1 % with 0).
+    1 % with 0). A compressible material needs none: its own modulus holds its thickness, nu_stab means nothing to it.
     """
-    if isinstance(material, SaintVenantKirchhoff):
-        message = (
-            "solid-shell elements are for incompressible materials; this one has a volumetric part of its own"
-        )
-        raise CaseError(message, key="material", value="saint_venant_kirchhoff")
+    if hasattr(material, "normal_modulus"):
+        if kappa is not None:
+            message = (
+                "this material has a volumetric part of its own, which solid-shell elements take as it is"
+            )
+            raise CaseError(message, key="kappa", value=kappa)
+        return Volumetric(kappa=0.0, form=form), Volumetric(kappa=0.0, form=form)
     whole = stabilisation(material, nu_stab, form, kappa).kappa
     if not whole > 0:
         message = (
@@ -61,7 +63,7 @@ class ShellElasticity:
     Args:
         mesh: A ``SolidMesh`` of hexahedra.
         space: Vector Lagrange space of the position, degree 1.
-        material: Energy W of an incompressible body.
+        material: Energy W of an incompressible body, or a compressible one, see `ShellCells`.
         columns: Volumetric energy of each column through the thickness of an element.
         mean: Volumetric energy of each element as a whole.
         points: Gauss points through the thickness of an element.

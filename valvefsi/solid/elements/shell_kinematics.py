@@ -12,11 +12,15 @@ No thickness strain of the nodes enters, hence no Poisson's thickness, volumetri
 enhanced modes to be solved for: everything is a closed-form function of the nodes. What the nodes say of the volume is
 held by U(J) alone, J the ratio of volumes of a column through the element, so that kappa stiffens neither bending nor
 membrane: as kappa grows J goes to 1 and the energy becomes that of the incompressible body.
+
+A compressible material takes the c_33 that leaves no stress through the thickness, as shells do (plane stress). What
+the nodes strain beside that, sampled in the edges through the thickness (Betsch and Stein 1995: no locking of elements
+that bend), bears the stress along the normal: for small strains the sum is the energy of the three-dimensional body.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -67,6 +71,17 @@ def assumed_shear(m: Expr, at: tuple[Expr, Expr, Expr]) -> tuple[Expr, Expr]:
     c13 = dot(x1, x3) + dot(x12, x23) + eta * (dot(x1, x23) + dot(x12, x3))
     c23 = dot(x2, x3) + dot(x12, x13) + xi * (dot(x2, x13) + dot(x12, x3))
     return c13, c23
+
+
+def assumed_thickness(m: Expr, at: tuple[Expr | float, Expr | float, Expr | float]) -> Expr:
+    """Return g_3 . g_3, sampled at (+-1, +-1) and interpolated."""
+    xi, eta, _ = at
+    _, _, x3, _, x13, x23, x123 = (ufl.as_vector([m[k, d] for d in range(3)]) for k in range(7))
+    sums = []
+    for i, j in ((-1, -1), (1, -1), (-1, 1), (1, 1)):
+        director = x3 + i * x13 + j * (x23 + i * x123)
+        sums.append((1 + i * xi) * (1 + j * eta) / 4 * ufl.inner(director, director))
+    return sum(sums)
 
 
 def assumed_metric(m: Expr, M: Expr, at: tuple[Expr, Expr, Expr]) -> Metric:
@@ -162,11 +177,66 @@ class ShellKinematics(Kinematics):
 
     @cached_property
     def I2_bar(self) -> Expr:
-        """Modified second invariant, I2."""
-        return self.I2
+        """Modified second invariant J^(-4/3) I2."""
+        return self.isochoric**2 * self.I2
 
     def I8(self, one: Direction, other: Direction) -> Expr:
         """Product of two deformed directions, a . C b."""
         a, b = ([ufl.inner(self.vector(v), g) for g in self.dual] for v in (one, other))
         c = self._covariant
         return sum(a[i] * c[i][j] * b[j] for i in range(3) for j in range(3))
+
+
+class StressFreeKinematics(ShellKinematics):
+    """What the energy of a compressible material may depend on: no stress acts through the thickness.
+
+    Args:
+        metric: Covariant components c_ij but c_33.
+        frame: G_1, G_2, G_3.
+        fibres: Unit vectors of the reference state by name.
+        thinning: Strain along a unit normal to be added to a strain for that, see `SaintVenantKirchhoff.thinning`.
+    """
+
+    def __init__(
+        self,
+        metric: Metric,
+        frame: tuple[Expr, Expr, Expr],
+        fibres: Mapping[str, Expr] | None,
+        thinning: Callable[[Expr, Expr], Expr],
+    ) -> None:
+        super().__init__(metric, frame, fibres)
+        self._thinning = thinning
+
+    @cached_property
+    def growth(self) -> Expr:
+        """Change of c_33 from rest that leaves no stress along the normal."""
+        c11, c22, c12, c13, c23 = self._metric
+        G3, normal = self._frame[2], self.dual[2]
+        squared = ufl.inner(normal, normal)
+        K = ufl.as_matrix([[a[d] for d in range(3)] for a in self.dual])
+        unthinned = ufl.as_matrix([[c11, c12, c13], [c12, c22, c23], [c13, c23, ufl.inner(G3, G3)]])
+        E = (K.T * unthinned * K - ufl.Identity(3)) / 2
+        return 2 * self._thinning(E, normal / ufl.sqrt(squared)) / squared
+
+    @cached_property
+    def _covariant(self) -> list[list[Expr]]:
+        """Components c_ij."""
+        c11, c22, c12, c13, c23 = self._metric
+        c33 = ufl.inner(self._frame[2], self._frame[2]) + self.growth
+        return [[c11, c12, c13], [c12, c22, c23], [c13, c23, c33]]
+
+    @cached_property
+    def J(self) -> Expr:
+        """Volume ratio, the root of det C."""
+        G1, G2, G3 = self._frame
+        return ufl.sqrt(ufl.det(ufl.as_matrix(self._covariant))) / abs(ufl.inner(ufl.cross(G1, G2), G3))
+
+    @cached_property
+    def log_J(self) -> Expr:
+        """Logarithm of the volume ratio."""
+        return ufl.ln(self.J)
+
+    @cached_property
+    def isochoric(self) -> Expr:
+        """Factor that takes C to its isochoric part, J^(-2/3)."""
+        return ufl.exp(-2 / 3 * self.log_J)

@@ -55,7 +55,8 @@ class VolumeRatio(Protocol):
 class Material(Protocol):
     """What the solid needs to know of a material.
 
-    A material with two fibre directions at right angles also has ``orthogonal``, the pair of them.
+    A material with two fibre directions at right angles also has ``orthogonal``, the pair of them; a compressible one
+    that solid-shell elements may be made of has ``thinning`` and ``normal_modulus`` as `SaintVenantKirchhoff` has.
     """
 
     @property
@@ -175,6 +176,16 @@ class SaintVenantKirchhoff:
         """Return W = lam/2 (tr E)^2 + mu E : E [dyn/cm^2]."""
         E = (kinematics.C - ufl.Identity(kinematics.dim)) / 2
         return self.lam / 2 * ufl.tr(E) ** 2 + self.mu * ufl.inner(E, E)
+
+    @property
+    def normal_modulus(self) -> float:
+        """Modulus lam + 2 mu of a strain along one normal alone [dyn/cm^2]."""
+        return self.lam + 2 * self.mu
+
+    def thinning(self, E: Expr, normal: Expr) -> Expr:
+        """Return what a strain along a unit normal must grow by so that no stress S acts along it [-]."""
+        along = ufl.inner(normal, E * normal)
+        return -(self.lam * ufl.tr(E) + 2 * self.mu * along) / self.normal_modulus
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from valvefsi.errors import CaseError
-from valvefsi.solid.loads import DeadLoad, Pressure, Tether
+from valvefsi.solid.loads import DeadLoad, PointLoad, Pressure, Tether
 from valvefsi.solid.materials.fibres import check_fibres
 from valvefsi.solid.newton import Newton
 from valvefsi.solid.statics.fieldsplit import BlockNewton
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics.formulations import Formulation
-    from valvefsi.types import Mesh
+    from valvefsi.types import Array, Mesh
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class Body:
         mesh: A ``SolidMesh``; two dimensions are plane strain.
         material: Isochoric energy W.
         supports: Prescribed displacements and planes of symmetry.
-        loads: Dead loads and follower pressures; their ramps in time are ignored.
+        loads: Dead loads, follower pressures and forces on nodes; their ramps in time are ignored.
         tethers: Springs to the reference position; their damping is ignored.
         quadrature_degree: Degree of the quadrature of all forms.
     """
@@ -48,14 +48,14 @@ class Body:
     mesh: Mesh
     material: Material
     supports: Sequence[Fixed | Symmetry]
-    loads: Sequence[DeadLoad | Pressure]
+    loads: Sequence[DeadLoad | Pressure | PointLoad]
     tethers: Sequence[Tether]
     quadrature_degree: int
 
     def __post_init__(self) -> None:
         for load in self.loads:
-            if not isinstance(load, DeadLoad | Pressure):
-                raise CaseError("expected DeadLoad or Pressure", key="loads", value=load)
+            if not isinstance(load, DeadLoad | Pressure | PointLoad):
+                raise CaseError("expected DeadLoad, Pressure or PointLoad", key="loads", value=load)
         check_fibres(self.mesh, self.material)
 
     @property
@@ -100,6 +100,33 @@ class Body:
                 across = ufl.inner(u, ufl.as_vector(normal[: self.mesh.dim].tolist()))
                 form += stiffness / 2 * across**2 * self._ds(support.on)
         return form
+
+    def point_forces(self, space: fem.FunctionSpace) -> Array | None:
+        """Return the forces on nodes at load factor 1 by owned degrees of freedom; None without any (collective).
+
+        Args:
+            space: Of the displacement, or a mixed one whose first part that is.
+
+        Raises:
+            CaseError: There is no node where a force acts.
+        """
+        points = [load for load in self.loads if isinstance(load, PointLoad)]
+        if not points:
+            return None
+        mixed = space.num_sub_spaces > 0 and space.dofmap.index_map_bs == 1
+        V, parent = space.sub(0).collapse() if mixed else (space, None)
+        owned = V.dofmap.index_map.size_local
+        X, dim = V.tabulate_dof_coordinates()[:owned, : self.mesh.dim], self.mesh.dim
+        forces = np.zeros(space.dofmap.index_map.size_local * space.dofmap.index_map_bs)
+        for load in points:
+            for point in load.at:
+                node = np.flatnonzero(np.linalg.norm(X - point[:dim], axis=1) < 1e-8 * self.size)
+                if self.mesh.mesh.comm.allreduce(len(node)) != 1:
+                    raise CaseError("there must be one node where a force acts", key="at", value=list(point))
+                dofs = dim * node[:, None] + np.arange(dim)
+                rows = dofs if parent is None else np.ravel(parent)[dofs]
+                forces[rows] += np.array(load.force[:dim]) / len(load.at)
+        return forces
 
     def follower(self, u: Expr, v: Expr, factor: fem.Constant) -> ufl.Form | None:
         """Return the virtual work of follower pressures, int p J F^-T N . v dA; None without any."""
@@ -167,12 +194,13 @@ class DirectProblem:
         if follower is not None:
             residual += follower
         self.prescribed = Prescribed(body.mesh, space.sub(0) if self.mixed else space, body.fixed())
-        self.newton = Newton(self.state, residual, self.prescribed.conditions)
+        self.newton = Newton(self.state, residual, self.prescribed.conditions, body.point_forces(space))
         self.set_tolerances, self.solve = self.newton.set_tolerances, self.newton.solve
 
     def set_factor(self, s: float) -> None:
         """Set the load factor of loads and prescribed displacements."""
         self.factor.value = s
+        self.newton.factor = s
         self.prescribed.set_factor(s)
 
     def fields(self) -> tuple[fem.Function, fem.Function | None]:
@@ -188,6 +216,8 @@ class SplitProblem:
     def __init__(self, body: Body, formulation: Formulation) -> None:
         if len(formulation.degrees) != 2:
             raise CaseError("needs a formulation with a pressure", key="solver", value="fieldsplit")
+        if any(isinstance(load, PointLoad) for load in body.loads):
+            raise CaseError("forces on nodes need the direct solver", key="solver", value="fieldsplit")
         if not body.material.shear_modulus > 0:
             message = (
                 "this material has no stiffness at F = I to scale the pressure with; use the direct solver"

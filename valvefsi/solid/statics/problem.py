@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from ufl.core.expr import Expr
 
-    from valvefsi.solid.loads import DeadLoad, Pressure, Tether
+    from valvefsi.solid.loads import DeadLoad, PointLoad, Pressure, Tether
     from valvefsi.solid.materials import Material
     from valvefsi.solid.statics.equilibrium import Problem
     from valvefsi.solid.statics.formulations import DisplacementFormulation, Formulation
@@ -136,7 +136,7 @@ def solve(
     material: Material,
     *,
     fixed: Sequence[Fixed | Symmetry],
-    loads: Sequence[DeadLoad | Pressure] = (),
+    loads: Sequence[DeadLoad | Pressure | PointLoad] = (),
     tethers: Sequence[Tether] = (),
     formulation: Formulation | SolidShell = TAYLOR_HOOD,
     options: SolverOptions = SolverOptions(),
@@ -155,7 +155,7 @@ def solve(
         mesh: A ``SolidMesh``; two dimensions are plane strain.
         material: Isochoric energy W.
         fixed: Prescribed displacements and planes of symmetry.
-        loads: Dead loads and follower pressures; their ramps in time are ignored.
+        loads: Dead loads, follower pressures and forces on nodes; their ramps in time are ignored.
         tethers: Springs to the reference position; their damping is ignored.
         formulation: `TaylorHood`, `NearlyIncompressible`, `EqualOrder` or `SolidShell`.
         options: Load steps, tolerance, quadrature, linear solver.

@@ -55,7 +55,9 @@ class SolidShell:
         return split(material, self.nu_stab, self.kappa, self.volumetric)
 
     def pressure(self, mesh: Mesh, material: Material, u: fem.Function) -> Expr:
-        """Return p = -dU/dJ at the volume ratio of each element."""
+        """Return p = -dU/dJ at the volume ratio of each element; 0 of a material with a volumetric part of its own."""
+        if hasattr(material, "normal_modulus"):
+            return fem.Constant(mesh.mesh, 0.0)
         space = fem.functionspace(mesh.mesh, ("DG", 0))
         ratio, test = fem.Function(space), ufl.TestFunction(space)
         dX = ufl.dx(domain=mesh.mesh, degree=5)
@@ -90,7 +92,8 @@ class ShellProblem:
         elements = ShellElasticity(body.mesh, space, body.material, columns, mean, formulation.points)
         self.elements = elements
         self.prescribed = Prescribed(body.mesh, space, body.fixed())
-        self.newton = ShellNewton(self.state, residual, self.prescribed.conditions, elements)
+        forces = body.point_forces(space)
+        self.newton = ShellNewton(self.state, residual, self.prescribed.conditions, elements, forces)
         self.set_tolerances = self.newton.set_tolerances
 
     def solve(self) -> tuple[bool, int]:
@@ -115,7 +118,7 @@ class ShellProblem:
 
     def set_factor(self, s: float) -> None:
         """Set the load factor of loads and prescribed displacements."""
-        self.factor.value = s
+        self.factor.value = self.newton.factor = s
         self.prescribed.set_factor(s)
 
     def fields(self) -> tuple[fem.Function, None]:
@@ -131,6 +134,7 @@ class ShellNewton(Newton):
         residual: UFL linear form of the loads.
         conditions: Prescribed values.
         elements: The elements.
+        forces: See `Newton`.
 
     Note:
         Collective.
@@ -142,8 +146,9 @@ class ShellNewton(Newton):
         residual: ufl.Form,
         conditions: list[fem.DirichletBC],
         elements: ShellElasticity,
+        forces: Array | None = None,
     ) -> None:
-        super().__init__(state, residual, conditions)
+        super().__init__(state, residual, conditions, forces)
         self._elements, self._extra = elements, self._b.duplicate()
         space = state.function_space
         self._reference = space.tabulate_dof_coordinates().ravel()
@@ -154,6 +159,13 @@ class ShellNewton(Newton):
         self._held = held
         signs = _signs()
         self._to_nodes = np.einsum("ak,de->adke", signs, np.eye(3)).reshape(MODES * 3, 24)
+
+    def _search(self) -> bool:
+        """Run Newton's method from the vector of unknowns, without what was promised before."""
+        self._load(self._x)
+        self._elements.set_local(self._state.x.array + self._reference)
+        self._elements.cells.start()
+        return super()._search()
 
     def _tangents(self) -> Array:
         """Return dF/du of the elements at the present state, ``(num_cells, 24, 24)``."""

@@ -1,0 +1,160 @@
+"""Many strips of leaflet: thin and thick, one and two layers, coarse and fine, with fibres and without, flat, curved.
+
+Each is bent, turned by 90 degrees, pulled and twisted as in `valvefsi.benchmarks.statics.bending`, and compared with
+Taylor-Hood elements; what finds no equilibrium says so.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from mpi4py import MPI
+
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
+from valvefsi.benchmarks.options import option
+from valvefsi.benchmarks.results import Row, row
+from valvefsi.benchmarks.statics.bending import Strip, answers, ratio_of, reference_counts
+from valvefsi.errors import ConvergenceError
+from valvefsi.solid.statics import SolidShell, TaylorHood
+
+MATERIALS = {
+    "bovine_pericardium_lee_sacks": (0.0,),
+    "porcine_leaflet_hgo": (0.0, 90.0, 45.0),
+    "bovine_pericardium_hgo": (0.0, 90.0, 45.0),
+}
+"""Presets, and the angles of the fibres to the strip's length [deg]; the first has none."""
+THICKNESSES = (0.2, 0.4, 0.6)
+"""Thicknesses [mm]."""
+EDGES = (1.0, 0.5)
+"""Edges of the elements [mm]."""
+SHAPES = ("flat", "curved")
+PASS = 0.05
+"""What a ratio may differ from 1 by."""
+MEMBRANE = 0.01
+"""The same of the membrane."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strips(Benchmark[Strip, None]):
+    """A matrix of strips."""
+
+    name = "strips"
+    keeps = True
+
+    materials: tuple[str, ...] = option(tuple(MATERIALS), "Presets.", metavar="M,M", choices=tuple(MATERIALS))
+    thicknesses: tuple[float, ...] = option(
+        THICKNESSES, "Thicknesses [mm].", metavar="T,T", least=0.1, most=1.0
+    )
+    edges: tuple[float, ...] = option(
+        EDGES, "Edges of the elements [mm].", metavar="E,E", least=0.25, most=2.0
+    )
+    layers: tuple[int, ...] = option(
+        (1, 2), "Elements through the thickness.", metavar="N,N", least=1, most=4
+    )
+    shapes: tuple[str, ...] = option(SHAPES, "flat, curved with 12 mm.", metavar="S,S", choices=SHAPES)
+    kappa: float = option(1e8, "Numerical bulk modulus [dyn/cm^2].")
+
+    def runs(self) -> list[Strip]:
+        """Return the strips; those that share a reference follow one another."""
+        return [
+            Strip(
+                thickness=0.1 * thickness,
+                edge=0.1 * edge,
+                layers=layers,
+                material=material,
+                radius=1.2 if shape == "curved" else None,
+                angle=angle,
+                kappa=self.kappa,
+            )
+            for thickness, material, shape in itertools.product(self.thicknesses, self.materials, self.shapes)
+            for angle in MATERIALS[material]
+            for edge, layers in itertools.product(self.edges, self.layers)
+        ]
+
+    def label(self, run: Strip) -> str:
+        shape = "flat" if run.radius is None else "curved"
+        fibres = f" {run.angle:g} deg" if len(MATERIALS[run.material]) > 1 else ""
+        return (
+            f"{run.material}{fibres}, {shape}, {10 * run.thickness:g} mm, {run.layers} x {10 * run.edge:g} mm"
+        )
+
+    def place(self, run: Strip, out: Path) -> Path:
+        return out / self.label(run).replace(", ", "_").replace(" ", "-")
+
+    @cached_property
+    def _found(self) -> dict[Strip, dict[str, float | str]]:
+        """References computed so far."""
+        return {}
+
+    def one(self, run: Strip, job: Job) -> Record:
+        """Return the ratios of a strip; what was not found is a text that says why."""
+        same = replace(run, edge=0.1, layers=1)
+        if same not in self._found:
+            self._found[same] = _all(same, None, job.comm)
+        own, references = _all(run, SolidShell(kappa=run.kappa), job.comm), self._found[same]
+        found: dict[str, float | str] = {}
+        for name, value in own.items():
+            reference = references[name]
+            if isinstance(value, str):
+                found[name] = f"solid shell: {value}"
+            elif isinstance(reference, str):
+                found[name] = f"reference: {reference}"
+            else:
+                found[name] = ratio_of(name, value, reference)
+        return {"strip": asdict(run), "label": self.label(run), "ratios": found}
+
+    def report(self, records: Sequence[Record], known: None) -> Report:
+        """Return all ratios, and how many pass."""
+        lines: list[Row] = []
+        counts = {"ratios": 0, "passed": 0, "not_found": 0}
+        for record in records:
+            for name, value in record["ratios"].items():
+                counts["ratios"] += 1
+                counts["not_found"] += isinstance(value, str)
+                counts["passed"] += not isinstance(value, str) and abs(value - 1) <= _bound(name)
+                lines.append(row(f"{record['label']}: {name}", value, 1.0, "mixed Q2-Q1 elements"))
+        return Report(
+            parameters={key: value for key, value in asdict(self).items() if key != "overrides"},
+            quantities={**counts, **_extremes(records)},
+            reference={"ratio": 1.0, "pass": PASS, "pass_membrane": MEMBRANE},
+            more={
+                "strips": [{key: record[key] for key in ("strip", "label", "ratios")} for record in records]
+            },
+            table=lines,
+        )
+
+    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+        """Draw all ratios."""
+        from valvefsi.post.plots.bending import ratio_points
+
+        ratio_points(out / "strips.png", [(record["strip"], record["ratios"]) for record in records])
+
+
+def _bound(name: str) -> float:
+    return MEMBRANE if name == "membrane_ratio" else PASS
+
+
+def _all(strip: Strip, shell: SolidShell | None, comm: MPI.Comm) -> dict[str, float | str]:
+    """Return what is measured of a strip, with Taylor-Hood elements where no shell is meant (collective)."""
+    found: dict[str, float | str] = {}
+    for name, answer in answers(strip).items():
+        counts = strip.counts if shell else reference_counts(name)
+        try:
+            found[name] = answer(strip, counts, shell or TaylorHood(), comm)
+        except ConvergenceError as error:
+            found[name] = str(error)
+    return found
+
+
+def _extremes(records: Sequence[Record]) -> Mapping[str, float]:
+    """Return the smallest and largest ratio of each kind."""
+    found: dict[str, float] = {}
+    for name in dict.fromkeys(name for record in records for name in record["ratios"]):
+        values = [v for record in records if isinstance(v := record["ratios"].get(name), float)]
+        if values:
+            found |= {f"{name}_min": min(values), f"{name}_max": max(values)}
+    return found
