@@ -10,8 +10,6 @@ from valvefsi.case.materials import RELATIVE, directions_of, material_kind
 from valvefsi.case.valve_tables import OwnLeaflets
 from valvefsi.errors import CaseError
 from valvefsi.geometry.mesh import SolidMesh
-from valvefsi.geometry.ribbons import middle_lines
-from valvefsi.geometry.tagged import gather_surfaces
 from valvefsi.solid.materials import fibres
 from valvefsi.solid.materials.leaflet_directions import DIRECTIONS, leaflet_directions
 
@@ -76,9 +74,7 @@ def _needs(mesh: SolidMesh, direction: Direction) -> bool:
 def _with_own_directions(mesh: SolidMesh, leaflets: OwnLeaflets, key: str) -> SolidMesh:
     """Return a mesh with the leaflets' own directions, those that it has unchanged. Collective."""
     try:
-        surfaces = gather_surfaces(mesh, leaflets.tags)
-        attached = [line.at(surfaces.points) for line in middle_lines(surfaces, "attached")]
-        made = leaflet_directions(mesh, leaflets.tags, attached)
+        made = leaflet_directions(mesh, leaflets.tags)
     except CaseError as error:
         place = f"{key}.mesh.leaflets" + (f".{error.key}" if error.key != "fibre" else "")
         raise CaseError(error.reason, file=error.file, key=place, value=error.value) from None

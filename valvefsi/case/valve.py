@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -186,7 +187,13 @@ def build_rigid(
     if housing is None:
         return ()
     surface, labels = _patched_section(case, housing, grid.comm, edges or {})
-    h = case.grid.spacing
+    h, widest = case.grid.spacing, float(np.hypot(surface.points[:, 0], surface.points[:, 1]).max())
+    where: dict[str, Any] = {"file": case.file, "key": "housing", "value": f"radius {widest:.4g} cm"}
+    low, high = np.transpose(case.grid.bounds)
+    if (surface.points < low).any() or (surface.points > high).any():
+        raise CaseError(
+            "the housing does not fit into the core of the box: it is wider than the box", **where
+        )
     share = housing.hold * case.fluid.density * h / largest_square_sum(KERNEL)
     problem = rigid = None
     try:
@@ -200,9 +207,7 @@ def build_rigid(
             slip=_end_slip(case, surface),
         )
     except StabilityError as error:
-        widest = float(np.hypot(surface.points[:, 0], surface.points[:, 1]).max())
-        message = f"the housing does not fit into the core of the box: {error}"
-        problem = CaseError(message, file=case.file, key="housing", value=f"radius {widest:.4g} cm")
+        problem = CaseError(f"the housing does not fit into the core of the box: {error}", **where)
     raise_together(grid.comm, problem)
     assert rigid is not None  # or all ranks have raised
     return (rigid,)
@@ -254,7 +259,7 @@ def _wall(
     if comm.rank == 0:
         try:
             path = mesh_path(housing.file, case.file)
-            wall = wall_points(*read_wall(path, scale=housing.file_unit, tags=housing.tags), h, ends)
+            wall = wall_points(*read_wall(path, scale=housing.file_unit or 1.0, tags=housing.tags), h, ends)
         except CaseError as error:
             key, value = f"housing.{error.key or 'file'}", error.value or housing.file
             problem = CaseError(error.reason, file=case.file, key=key, value=value)

@@ -79,9 +79,19 @@ class OwnLeaflets(Table):
     )
     directions: Literal["tags", "data"] = Field(
         "tags",
-        description='Where the leaflets\' own directions are from: "tags" (circumferential from one end of the '
-        'attached edge to the other, radial towards the free edge) or "data" (the unit vectors in the file\'s cell data)',
+        description='Where the leaflets\' own directions are from: "tags" (radial from the attached to the free '
+        'edge, circumferential along them) or "data" (the unit vectors in the file\'s cell data)',
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        seen: dict[str, str] = {}
+        for name, tags in self.tags.items():
+            for tag in tags:
+                if tag in seen:
+                    raise problem(f"this tag is one of {seen[tag]}, too", name, tag)
+                seen[tag] = name
+        return self
 
     @property
     def tags(self) -> dict[str, tuple[str, ...]]:
@@ -98,7 +108,9 @@ class Housing(Table):
         "in place of the test section of the lengths below",
         examples=["housing.stl"],
     )
-    file_unit: Length = Field(1.0, gt=0, description="file only: length of its unit")
+    file_unit: Length | None = Field(
+        None, gt=0, description="file only: length of its unit; 1 cm when left out", examples=["1 mm"]
+    )
     tags: tuple[str, ...] = Field(
         (), description="file only: tags of the facets that are the wall; empty for all"
     )

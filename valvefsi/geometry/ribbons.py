@@ -67,8 +67,6 @@ def middle_lines(
     lines = []
     for number in range(piece.max(initial=-1) + 1):
         both = [[curve for curve in curves if piece[curve[0]] == number] for curves in sides]
-        if not all(both):
-            continue  # facets that lie on one face only, such as the end of a ribbon of tetrahedra
         if [len(curves) for curves in both] != [1, 1]:
             raise CaseError(
                 f"a piece of these facets has {len(both[0])} curves on the side of {faces[0]} and {len(both[1])} on "

@@ -7,6 +7,7 @@ other way are refused.
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,6 +79,7 @@ def _outward(points: Array, triangles: Indices, path: Path) -> Indices:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
+    # Points made one leave triangles without an area.
     flat = np.linalg.norm(_normals(points, triangles), axis=1) == 0.0
     triangles = triangles[~flat]
     ways = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -105,7 +107,8 @@ def _normals(points: Array, triangles: Indices) -> Array:
 def wall_points(points: Array, triangles: Indices, h: float, bounds: tuple[float, float]) -> PointSurface:
     """Return a wall between two planes as points at most half a spacing apart.
 
-    Each triangle is cut into equal ones whose edges are at most half a spacing, with a point in the middle of each.
+    Triangles are cut at the middle of their longest edge until none is longer than sqrt(3) times that; a point stands in
+    the middle of each, and the middles of neighbours are half a spacing apart where they are equilateral.
 
     Args:
         points: Corners, ``(num_points, 3)`` [cm].
@@ -116,19 +119,6 @@ def wall_points(points: Array, triangles: Indices, h: float, bounds: tuple[float
     Raises:
         CaseError: The wall does not reach the planes.
     """
-    corners = points[triangles]
-    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    cuts = np.maximum(1, np.ceil(edge / (SPACING * h) - 1e-9)).astype(np.int64)
-    normal = _normals(points, triangles)
-    places, areas, normals = [], [], []
-    for n in np.unique(cuts):
-        mine = cuts == n
-        at = _middles(int(n))
-        places.append(np.einsum("qk,tkd->tqd", at, corners[mine]).reshape(-1, 3))
-        size = np.linalg.norm(normal[mine], axis=1)
-        areas.append(np.repeat(0.5 * size / len(at), len(at)))
-        normals.append(np.repeat(normal[mine] / size[:, None], len(at), axis=0))
-    x = np.concatenate(places)
     low, high = float(points[:, 2].min()), float(points[:, 2].max())
     if low > bounds[0] + 0.5 * h or high < bounds[1] - 0.5 * h:
         raise CaseError(
@@ -136,24 +126,34 @@ def wall_points(points: Array, triangles: Indices, h: float, bounds: tuple[float
             f"{bounds[0]:.4g} and {bounds[1]:.4g} cm",
             key="file",
         )
+    normals = _normals(points, triangles)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    corners, parent = _cut(points[triangles], math.sqrt(3.0) * SPACING * h)
+    x = corners.mean(axis=1)
     inside = (x[:, 2] >= bounds[0] - 1e-9) & (x[:, 2] <= bounds[1] + 1e-9)
+    corners, parent = corners[inside], parent[inside]
+    size = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     return PointSurface(
-        points=x[inside],
-        areas=np.concatenate(areas)[inside],
-        normals=np.concatenate(normals)[inside],
-        faces=np.zeros((0, 4), np.int64),
+        points=x[inside], areas=0.5 * size, normals=normals[parent], faces=np.zeros((0, 4), np.int64)
     )
 
 
-def _middles(n: int) -> Array:
-    """Return the middles of the n^2 equal parts of a triangle by their barycentric coordinates, ``(n^2, 3)``."""
-    found = []
-    for up, shift in ((True, 1.0 / 3.0), (False, 2.0 / 3.0)):
-        i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
-        keep = i + j < n - (0 if up else 1)
-        a, b = (i[keep] + shift) / n, (j[keep] + shift) / n
-        found.append(np.stack([a, b, 1.0 - a - b], axis=1))
-    return np.concatenate(found)
+def _cut(corners: Array, longest: float) -> tuple[Array, Indices]:
+    """Cut triangles ``(n, 3, 3)`` until no edge is longer than this [cm]; return the parts and whose they are."""
+    done, parent = [], np.arange(len(corners))
+    while len(corners):
+        edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        long = edges.max(axis=1) > longest * (1.0 + 1e-9)
+        done.append((corners[~long], parent[~long]))
+        first = edges[long].argmax(axis=1)[:, None]
+        turned = [
+            np.take_along_axis(corners[long], (first + k)[..., None] % 3, axis=1)[:, 0] for k in range(3)
+        ]
+        a, b, c = turned
+        middle = 0.5 * (a + b)
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        parent = np.tile(parent[long], 2)
+    return np.concatenate([part for part, _ in done]), np.concatenate([number for _, number in done])
 
 
 def radius_at(wall: PointSurface, z: float, phi: Array) -> Array:

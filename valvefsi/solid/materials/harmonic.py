@@ -16,21 +16,19 @@ from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.solid.newton import Newton
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from valvefsi.types import Array, Mesh
-
-    Value = float | Callable[[Array], Array]
+    from valvefsi.types import Mesh
 
 
-def harmonic(mesh: Mesh, given: Sequence[tuple[Sequence[str], Value]], key: str) -> fem.Function:
+def harmonic(mesh: Mesh, given: Sequence[tuple[Sequence[str], float]], key: str) -> fem.Function:
     """Solve Laplace's equation with values on tagged facets, and no flux through all others.
 
     Args:
         mesh: A ``SolidMesh``.
-        given: Tags of facets and the value on them, a number or a function of positions ``(n, 3)`` [cm].
+        given: Tags of facets and the value on them.
         key: Key of the tags, for messages.
 
     Returns:
@@ -51,10 +49,7 @@ def harmonic(mesh: Mesh, given: Sequence[tuple[Sequence[str], Value]], key: str)
     for tags, value in given:
         facets = np.unique(np.concatenate([_facets(mesh, name, facet_dim, key) for name in tags]))
         dofs = fem.locate_dofs_topological(space, facet_dim, facets)
-        field = fem.Function(space)
-        X = space.tabulate_dof_coordinates()[dofs]
-        field.x.array[dofs] = value(X) if callable(value) else value
-        conditions.append(fem.dirichletbc(field, dofs))
+        conditions.append(fem.dirichletbc(value, dofs, space))
     residual = ufl.inner(ufl.grad(phi), ufl.grad(test)) * ufl.dx(degree=2)
     with Newton(phi, residual, conditions) as newton:
         converged, _ = newton.solve()
