@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -187,13 +186,7 @@ def build_rigid(
     if housing is None:
         return ()
     surface, labels = _patched_section(case, housing, grid.comm, edges or {})
-    h, widest = case.grid.spacing, float(np.hypot(surface.points[:, 0], surface.points[:, 1]).max())
-    where: dict[str, Any] = {"file": case.file, "key": "housing", "value": f"radius {widest:.4g} cm"}
-    low, high = np.transpose(case.grid.bounds)
-    if (surface.points < low).any() or (surface.points > high).any():
-        raise CaseError(
-            "the housing does not fit into the core of the box: it is wider than the box", **where
-        )
+    h = case.grid.spacing
     share = housing.hold * case.fluid.density * h / largest_square_sum(KERNEL)
     problem = rigid = None
     try:
@@ -207,7 +200,9 @@ def build_rigid(
             slip=_end_slip(case, surface),
         )
     except StabilityError as error:
-        problem = CaseError(f"the housing does not fit into the core of the box: {error}", **where)
+        widest = float(np.hypot(surface.points[:, 0], surface.points[:, 1]).max())
+        message = f"the housing does not fit into the core of the box: {error}"
+        problem = CaseError(message, file=case.file, key="housing", value=f"radius {widest:.4g} cm")
     raise_together(grid.comm, problem)
     assert rigid is not None  # or all ranks have raised
     return (rigid,)
@@ -259,7 +254,9 @@ def _wall(
     if comm.rank == 0:
         try:
             path = mesh_path(housing.file, case.file)
-            wall = wall_points(*read_wall(path, scale=housing.file_unit or 1.0, tags=housing.tags), h, ends)
+            points, triangles = read_wall(path, scale=housing.file_unit or 1.0, tags=housing.tags)
+            _check_width(case, points[np.unique(triangles)])
+            wall = wall_points(points, triangles, h, ends)
         except CaseError as error:
             key, value = f"housing.{error.key or 'file'}", error.value or housing.file
             problem = CaseError(error.reason, file=case.file, key=key, value=value)
@@ -267,6 +264,17 @@ def _wall(
     wall = comm.bcast(wall)
     assert wall is not None  # or all ranks have raised
     return wall, lambda phi: radius_at(wall, housing.annulus, phi)
+
+
+def _check_width(case: Case, points: Array) -> None:
+    """Refuse a wall that is wider than the box."""
+    for axis, (low, high) in enumerate(case.grid.bounds[:2]):
+        first, last = float(points[:, axis].min()), float(points[:, axis].max())
+        if first < low or last > high:
+            raise CaseError(
+                f"the wall is wider than the box: it spans {'xy'[axis]} = {first:.4g} ... {last:.4g} cm; is file_unit "
+                "that of the file, and its axis z?"
+            )
 
 
 def _stent_edge(case: Case, housing: Housing, edges: Mapping[int, LeafletEdges]) -> StentEdge:

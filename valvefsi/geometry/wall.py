@@ -107,8 +107,8 @@ def _normals(points: Array, triangles: Indices) -> Array:
 def wall_points(points: Array, triangles: Indices, h: float, bounds: tuple[float, float]) -> PointSurface:
     """Return a wall between two planes as points at most half a spacing apart.
 
-    Triangles are cut at the middle of their longest edge until none is longer than sqrt(3) times that; a point stands in
-    the middle of each, and the middles of neighbours are half a spacing apart where they are equilateral.
+    Triangles are cut at the middle of their longest edge until none is longer than sqrt(3) times that; a point
+    stands in the middle of each, and the middles of neighbours are half a spacing apart where they are equilateral.
 
     Args:
         points: Corners, ``(num_points, 3)`` [cm].

@@ -57,7 +57,7 @@ def thickness_axes(mesh: Mesh, faces: tuple[Sequence[str], Sequence[str]] | None
     else:
         first = face[6 * len(corners) :][: len(tagged[0])]
         axes = _between(stack, face, (first, face[6 * len(corners) + len(tagged[0]) :]), mesh.source)
-    _check_layers(face[: 6 * len(corners)].reshape(3, 2, -1), axes, mesh.source)
+    _check_layers(corners, axes, mesh.source)
     start = sum(len(part[0]) for part in parts[: domain.comm.rank])
     return axes[start : start + len(rows)]
 
@@ -139,14 +139,17 @@ def _between(
     return leads.argmax(axis=0)
 
 
-def _check_layers(face: NDArray[np.int64], axes: NDArray[np.int64], source: str) -> None:
-    """Refuse elements of which one has its thickness where its neighbour has a side."""
-    through = np.broadcast_to((np.arange(3)[:, None] == axes)[:, None], face.shape).ravel()
-    cells, thick = np.bincount(face.ravel()), np.bincount(face.ravel(), through)
-    wrong = int(np.count_nonzero((cells == 2) & (thick == 1)))
+def _check_layers(corners: NDArray[np.int64], axes: NDArray[np.int64], source: str) -> None:
+    """Refuse elements of which one has its thickness along an edge that lies in the layer of its neighbour."""
+    ends = [corners[:, np.flatnonzero(BITS[:, axis] == end)] for axis in range(3) for end in (0, 1)]
+    edges = np.stack([np.stack(ends[::2]), np.stack(ends[1::2])], axis=-1)  # (3, count, 4, 2)
+    through = np.broadcast_to((np.arange(3)[:, None] == axes)[:, :, None], edges.shape[:3]).ravel()
+    _, edge = np.unique(np.sort(edges.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    cells, thick = np.bincount(edge.ravel()), np.bincount(edge.ravel(), through)
+    wrong = int(np.count_nonzero((thick > 0) & (thick < cells)))
     if wrong:
         message = (
-            f"the thickness direction of solid-shell elements cannot be found: at {wrong} faces an element has its "
-            "thickness where its neighbour has a side; name the two faces of the body by their tags, faces = [...]"
+            f"the thickness direction of solid-shell elements cannot be found: at {wrong} edges it is that of one "
+            "element and not of its neighbour; name the two faces of the body by their tags, faces = [...]"
         )
         raise CaseError(message, file=source, key="faces")
