@@ -197,8 +197,8 @@ def _discretisation(solid: Solid) -> Discretisation:
     faces: tuple[tuple[str, ...], tuple[str, ...]] | None = None
     if solid.faces:
         faces = ((solid.faces[0],), (solid.faces[1],))
-    elif solid.element == "solid_shell" and own is not None:
-        faces = (own.inflow, own.outflow)
+    elif solid.element == "solid_shell" and solid.mesh.valve_diameter is not None:
+        faces = (own.inflow, own.outflow) if own is not None else (("inflow",), ("outflow",))
     return Discretisation(
         element=solid.element,
         faces=faces,
