@@ -34,7 +34,7 @@ OUT.mkdir(parents=True, exist_ok=True)
 
 # %% leaflets.msh
 VALVEFSI = [sys.executable, "-m", "valvefsi"]
-shape = "--h 2mm --ratio 1.5 --set gap=1mm --set nose=1.5mm --set drop=5mm".split()
+shape = ["--h", "2mm", "--ratio", "1.5", "--set", "gap=1mm", "--set", "nose=1.5mm", "--set", "drop=5mm"]
 subprocess.run([*VALVEFSI, "mesh", "valve", *shape, "--out", str(OUT / "leaflets.msh")], check=True)
 groups = meshio.read(OUT / "leaflets.msh").field_data
 print({name: "facets" if dim == 2 else "cells" for name, (number, dim) in groups.items()})

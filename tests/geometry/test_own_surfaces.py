@@ -87,6 +87,7 @@ def test_curves_with_different_numbers_of_nodes_meet_in_the_middle(counts):
     x = line.at(found.points)
     assert line.weights.sum(axis=1) == pytest.approx(1.0)
     assert np.hypot(x[:, 0], x[:, 1]) == pytest.approx(1.1, abs=1.2 * (1.2 / (min(counts) - 1)) ** 2 / 8)
+    assert np.arctan2(x[:, 1], x[:, 0]) == pytest.approx(np.linspace(0.2, 1.4, counts[0]), abs=2e-3)
     moved = found.points + [0.3, -0.1, 2.0]
     np.testing.assert_allclose(line.at(moved) - x, np.tile([0.3, -0.1, 2.0], (len(x), 1)))
 
@@ -151,7 +152,9 @@ def test_gaps_wider_than_a_post_leave_the_stent_open():
         half = math.radians(120.0 - gap) / 2
         return [arc(1.0, 30, (2 * math.pi * k / 3 - half, 2 * math.pi * k / 3 + half)) for k in range(3)]
 
-    assert LineEdge(arcs(WIDEST_POST - 0.1)).at(np.array([math.pi / 3]))[1] == pytest.approx(0.0)
+    steps = [x + [0.0, 0.0, k] for k, x in enumerate(arcs(WIDEST_POST - 0.1))]
+    posts = LineEdge(steps).at(np.array([math.pi / 3, math.pi, -math.pi / 3]))[1]
+    assert posts == pytest.approx([0.5, 1.5, 1.0])
     with pytest.raises(CaseError, match=r"open: nothing is attached between azimuths 165 and 195 deg"):
         LineEdge(arcs(WIDEST_POST + 0.1))
     aside = arc(0.1, 20, (0.0, 6.0)) + [1.0, 0.0, 0.0]

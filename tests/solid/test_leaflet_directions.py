@@ -6,11 +6,19 @@ import math
 
 import numpy as np
 import pytest
+from mpi4py import MPI
+
+from valvefsi.runtime import dolfinx_compat  # noqa: F401  (before ufl)
+
+# isort: split
+import ufl
 
 from valvefsi.errors import CaseError
 from valvefsi.geometry.shapes import box
 from valvefsi.solid.elements.shell_layers import thickness_axes
 from valvefsi.solid.materials import NeoHookean
+from valvefsi.solid.materials.fibres import at_midpoints
+from valvefsi.solid.materials.harmonic import harmonic
 from valvefsi.solid.materials.leaflet_directions import leaflet_directions
 from valvefsi.solid.structure import Discretisation, Structure
 
@@ -52,6 +60,25 @@ def test_they_are_at_right_angles_in_the_sheet_and_turn_with_its_edges(comm):
     # A rectangle that is turned and rolled up: both directions are turned by the angle everywhere.
     assert around[:, 2] == pytest.approx(math.sin(turn), abs=0.02)
     assert up[:, 2] == pytest.approx(math.cos(turn), abs=0.02)
+
+
+def test_they_lie_in_the_sheet_where_its_edges_are_cut_aslant(comm):
+    mesh = box(comm, size=(1.0, 0.5, 0.2), elements=(4, 10, 4))
+    mesh.mesh.geometry.x[:, 1] += mesh.mesh.geometry.x[:, 2]
+    _, around, up = directions(mesh)
+    depth, height = (
+        at_midpoints(mesh, ufl.grad(harmonic(mesh, [(TAGS[a], 0.0), (TAGS[b], 1.0)], "")))
+        for a, b in (("inflow", "outflow"), ("attached", "free"))
+    )
+    off = (
+        np.einsum("ni,ni->n", depth, height) / np.linalg.norm(depth, axis=1) / np.linalg.norm(height, axis=1)
+    )
+    assert comm.allreduce(float(np.abs(off).max(initial=0.0)), op=MPI.MAX) > 0.02, (
+        "the two are not at right angles"
+    )
+    own = slice(0, len(depth))
+    assert np.abs(np.einsum("ni,ni->n", depth, up[own])).max(initial=0.0) < 1e-9
+    assert np.abs(around - [-1.0, 0.0, 0.0]).max(initial=0.0) < 1e-9
 
 
 def test_a_tag_without_facets_is_said(comm):
