@@ -33,6 +33,7 @@ TUTORIALS = {
     "05_own_structure": '"mesh", "import"',
     "06_new_material": "gent.py:Gent",
     "07_many_ranks": "MPIRUN",
+    "08_own_valve": "solid.mesh.leaflets",
 }
 """The tutorial of each kind of user, and what it cannot do without."""
 

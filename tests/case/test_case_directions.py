@@ -12,7 +12,7 @@ from tests.case.test_case_valve import COARSE, DEMO
 from valvefsi.case import load_case
 from valvefsi.case.fibres import add_fibres
 from valvefsi.case.material_tables import Material
-from valvefsi.case.valve import valve_mesh
+from valvefsi.case.meshes import valve_mesh
 from valvefsi.case.valve_tables import ValveShape
 from valvefsi.errors import CaseError
 

@@ -11,12 +11,14 @@ from mpi4py import MPI
 
 from valvefsi.case import load_case
 from valvefsi.case.build import build, run_case
-from valvefsi.case.valve import build_rigid, valve_mesh
+from valvefsi.case.meshes import valve_mesh
+from valvefsi.case.valve import build_rigid
 from valvefsi.case.valve_report import report_valve
 from valvefsi.case.valve_tables import ValveShape
 from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.errors import CaseError
 from valvefsi.geometry.leaflets import pericardial
+from valvefsi.geometry.stent import FormulaEdge, stent_wall
 from valvefsi.grid.grading import core_edges
 from valvefsi.io.history import read_history
 from valvefsi.post.diagnostics.surfaces import surface_triangles
@@ -149,7 +151,8 @@ def test_the_housing_has_its_stent_and_is_held_as_firmly_as_asked(shared_tmp):
     rigid, filling = build_rigid(case, grid)
     tube = section.housing(0.2, (-1.9, 5.9))
     shape = case.solid[0].mesh.valve
-    stent = section.stent(0.2, shape.geometry(), shape.base)
+    edge = FormulaEdge(shape.geometry(), shape.base)
+    stent = stent_wall(edge, section.annulus, lambda phi: np.full_like(phi, section.inlet_radius), 0.2)
     outward = rigid.points - np.concatenate([tube.points, stent.points])
     normals = np.concatenate([tube.normals, stent.normals])
     distance = np.linalg.norm(outward, axis=1)

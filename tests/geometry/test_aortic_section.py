@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from valvefsi.errors import CaseError
-from valvefsi.geometry.aortic_section import SPACING, AorticSection, closing_plate, joined, stent_height
+from valvefsi.geometry.aortic_section import SPACING, AorticSection, closing_plate, joined
 from valvefsi.geometry.leaflets import pericardial
+from valvefsi.geometry.stent import FormulaEdge, stent_height, stent_wall
 
 TUBE = AorticSection(inlet_radius=1.2, outlet_radius=1.2, sinus_depth=0.0)
 
@@ -72,10 +73,10 @@ def test_the_stent_ends_where_the_leaflets_are_attached():
 
 
 def test_the_area_of_the_stent_is_that_under_its_outline():
-    valve, section = pericardial(), AorticSection(annulus=-0.2)
+    valve = pericardial()
     phi = 2.0 * math.pi * (np.arange(6000) + 0.5) / 6000
     exact = valve.radius * (stent_height(valve, phi) + 0.2).mean() * 2.0 * math.pi
-    surface = section.stent(0.02, valve, 0.0)
+    surface = stent_wall(FormulaEdge(valve, 0.0), -0.2, lambda phi: np.full_like(phi, valve.radius), 0.02)
     assert surface.areas.sum() == pytest.approx(exact, rel=5e-3)
     assert surface.points[:, 2].max() == pytest.approx(valve.height)
 

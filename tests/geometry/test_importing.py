@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 from typer.testing import CliRunner
 
 from valvefsi.cli import app
 from valvefsi.errors import CaseError
 from valvefsi.geometry.importing import import_mesh
-from valvefsi.geometry.mesh import read_mesh
+from valvefsi.geometry.leaflets import pericardial
+from valvefsi.geometry.mesh import _quiet_gmsh, read_mesh
+from valvefsi.geometry.tagged_files import fill_model, write_model
+from valvefsi.geometry.valve import mesh_valve, volumes, write_valve
+from valvefsi.runtime.dolfinx_compat import geometry_nodes
+from valvefsi.solid.materials.fibres import read_vectors
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="files are written by one rank")
 
@@ -126,6 +133,50 @@ def test_a_volume_mesh_keeps_its_cells(tmp_path):
     assert sorted(facets) == [2, 2, 3, 3, 6, 6]
     whole = import_mesh(tmp_path / "block.vtu", tmp_path / "whole.msh", angle=100.0)
     assert whole["tags"] == ["surface_1", "body"]
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_tags_and_cell_data_of_a_volume_mesh_are_kept(tmp_path, cell):
+    """A valve in mm, each leaflet in two parts of one group: each cell and facet keeps what was said of it."""
+    made = mesh_valve(pericardial(), size=0.3, cell=cell)
+    names, half = list(made.facets), np.arange(len(made.cells)) % 2
+    parts = [np.flatnonzero((made.leaflet == k) & (half == side)) for side in (0, 1) for k in (1, 2, 3)]
+    with _quiet_gmsh() as gmsh:
+        pieces = {f"part_{n}": made.cells[part] for n, part in enumerate(parts)}
+        fill_model(gmsh, 10.0 * made.points, made.facets, pieces)
+        gmsh.model.removePhysicalGroups([(3, n) for n in range(1, 7)])
+        for k in (1, 2, 3):
+            gmsh.model.addPhysicalGroup(3, [k, k + 3], tag=k, name=f"leaflet_{k}")
+        num_facets = sum(len(made.facets[name]) for name in names)
+        write_model(
+            gmsh, tmp_path / "mm.msh", num_facets, {"radial": made.fibres["radial"][np.concatenate(parts)]}
+        )
+    numbers = import_mesh(tmp_path / "mm.msh", tmp_path / "cm.msh", scale=0.1)
+    assert set(numbers["tags"]) == {*names, "leaflet_1", "leaflet_2", "leaflet_3"}
+    assert numbers["volume_cm3"] == pytest.approx(volumes(made).sum())
+    mesh = read_mesh(tmp_path / "cm.msh", MPI.COMM_SELF)
+    for k in (1, 2, 3):
+        cells = mesh.cell_tags.find(mesh.tag(f"leaflet_{k}")[1])
+        assert len(cells) == len(made.cells) // 3
+        middles = mesh.mesh.geometry.x[geometry_nodes(mesh.mesh)[cells]].mean(axis=1)
+        angle = np.degrees(np.arctan2(middles[:, 1], middles[:, 0])) - 120.0 * (k - 1)
+        assert np.abs((angle + 180.0) % 360.0 - 180.0).max() < 62.0
+    for name in names:
+        assert len(mesh.facet_tags.find(mesh.tag(name)[1])) == len(made.facets[name]), name
+    field = read_vectors(mesh, tmp_path / "cm.msh")["radial"]
+    X, found = field.function_space.tabulate_dof_coordinates(), field.x.array.reshape(-1, 3)
+    near = cKDTree(made.points[made.cells].mean(axis=1)).query(X)
+    assert near[0].max() < 1e-9
+    np.testing.assert_allclose(found, made.fibres["radial"][near[1]], atol=1e-12)
+
+
+def test_a_mesh_without_unit_vectors_has_no_directions(tmp_path):
+    made = mesh_valve(pericardial(), size=0.4)
+    write_valve(tmp_path / "long.msh", replace(made, fibres={"force": 3.0 * made.fibres["radial"]}))
+    with pytest.raises(
+        CaseError, match=r"long\.msh has no cell data of unit vectors; its cell data are .*force"
+    ):
+        read_vectors(read_mesh(tmp_path / "long.msh", MPI.COMM_SELF), tmp_path / "long.msh")
 
 
 def test_what_cannot_be_used_is_said(tmp_path):

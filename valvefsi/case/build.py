@@ -6,22 +6,21 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
 
 from valvefsi.bodies.body import BodyBase
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.heavy import Heavy
 from valvefsi.bodies.slip import DarcySlip, Slip, UnresolvedSlip
-from valvefsi.case.checks import check_against_mesh
 from valvefsi.case.circuit_tables import say_unconnected
 from valvefsi.case.circulation import build_circulation, connected
 from valvefsi.case.fibres import add_fibres
 from valvefsi.case.materials import make_material, say_provenance
-from valvefsi.case.models import Case, Mesh, Solid
+from valvefsi.case.meshes import solid_mesh
+from valvefsi.case.models import Case, Solid
 from valvefsi.case.resuming import clear, provenance_of, run_folder
 from valvefsi.case.sides import build_fluid, build_grid
-from valvefsi.case.valve import build_rigid, find_orifice, valve_mesh
+from valvefsi.case.valve import build_rigid, check_leaflets, find_orifice
 from valvefsi.case.valve_report import report_valve
 from valvefsi.case.writing import to_toml
 from valvefsi.coupling.elemental import ElementalCoupling
@@ -29,8 +28,7 @@ from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, raise_together
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model
-from valvefsi.geometry import mesh as meshes
-from valvefsi.geometry import shapes
+from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.grid import MacGrid
 from valvefsi.io.folder import write_text
 from valvefsi.io.history import read_history
@@ -69,12 +67,16 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD, changes: Chang
     say_unconnected(case.circuit, comm.rank, tuple(connected(case).values()))
     grid = build_grid(case, comm)
     fluid = build_fluid(case, grid)
+    meshes = {k: solid_mesh(case, k, comm) for k in range(len(case.solid))}
+    rigid = build_rigid(
+        case, grid, check_leaflets(case, meshes)
+    )  # first: it says what is wrong with own leaflets
     elastic = [
-        _body(fluid, given, build_solid(case, k, comm), case.fluid.density)
+        _body(fluid, given, build_solid(case, k, comm, meshes[k]), case.fluid.density)
         for k, given in enumerate(case.solid)
     ]
     circulation = build_circulation(case)
-    bodies = (*elastic, *build_rigid(case, grid))
+    bodies = (*elastic, *rigid)
     model = Model(grid=grid, fluid=fluid, bodies=bodies, circulation=circulation)
     return Simulation(model, _schedule(case), _output(case, out, grid, changes))
 
@@ -175,27 +177,12 @@ def run_case(
     return result
 
 
-def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
-    """Mesh one solid of a case and build it. Collective."""
+def build_solid(case: Case, number: int, comm: MPI.Comm, mesh: SolidMesh | None = None) -> Structure:
+    """Build one solid of a case, on its mesh where that is at hand. Collective."""
     given = case.solid[number]
-    try:
-        mesh = build_mesh(given.mesh, case.file, comm, case.grid.spacing)
-    except CaseError as error:
-        key = f"solid.{given.name}.mesh" + (f".{error.key}" if error.key else "")
-        raise CaseError(error.reason, file=error.file or case.file, key=key, value=error.value) from None
-    x = mesh.mesh.geometry.x
-    bounds = np.concatenate([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
-    comm.Allreduce(MPI.IN_PLACE, bounds, op=MPI.MIN)
-    lower, upper = bounds[:3], -bounds[3:]
-    if mesh.dim != case.grid.dim:
-        raise CaseError(
-            f"the mesh has {mesh.dim} dimensions and the grid {case.grid.dim}",
-            file=case.file,
-            key=f"solid.{given.name}.mesh",
-        )
-    check_against_mesh(case, number, tags=mesh.names, lower=lower.tolist(), upper=upper.tolist())
+    mesh = mesh if mesh is not None else solid_mesh(case, number, comm)
     key = f"solid.{given.name}"
-    mesh = add_fibres(mesh, given.fibre, key, given.material)
+    mesh = add_fibres(mesh, given.fibre, key, given.material, given.mesh.leaflets)
     say_provenance(given.material, key, comm)
     try:
         return Structure(
@@ -214,8 +201,15 @@ def build_solid(case: Case, number: int, comm: MPI.Comm) -> Structure:
 
 
 def _discretisation(solid: Solid) -> Discretisation:
+    own = solid.mesh.leaflets
+    faces: tuple[tuple[str, ...], tuple[str, ...]] | None = None
+    if solid.faces:
+        faces = ((solid.faces[0],), (solid.faces[1],))
+    elif solid.element == "solid_shell" and solid.mesh.valve_diameter is not None:
+        faces = (own.inflow, own.outflow) if own is not None else (("inflow",), ("outflow",))
     return Discretisation(
         element=solid.element,
+        faces=faces,
         degree=solid.degree,
         quadrature_degree=solid.quadrature_degree,
         volumetric=solid.volumetric,
@@ -236,20 +230,6 @@ def _loads(solid: Solid) -> list[DeadLoad]:
         DeadLoad(on=q.on, traction=q.traction, ramp=Ramp(duration=q.ramp, shape=q.ramp_shape))
         for q in solid.load
     ]
-
-
-def build_mesh(mesh: Mesh, case_file: Path | None, comm: MPI.Comm, h: float) -> meshes.SolidMesh:
-    """Read or make the mesh of a solid in a grid of spacing h. Collective."""
-    if mesh.valve is not None:
-        return valve_mesh(mesh.valve, h, comm)
-    if mesh.file is not None:
-        return meshes.read_mesh((case_file.parent if case_file else Path()) / mesh.file, comm)
-    options: dict[str, Any] = {"lower": mesh.lower, "size": mesh.size, "elements": mesh.elements}
-    if mesh.cell:
-        options["cell"] = mesh.cell
-    if mesh.load_width is not None:
-        options["load_width"] = mesh.load_width
-    return getattr(shapes, str(mesh.shape))(comm, **options)
 
 
 def _sections(case: Case, grid: MacGrid) -> dict[str, Section]:

@@ -146,10 +146,12 @@ def _check_solid(case: Case, solid: Solid, key: str) -> None:
     if mesh.valve is not None:
         from valvefsi.case.valve_tables import VALVE_TAGS
 
-        if dim != 3:
-            raise CaseError("a valve needs three dimensions", key=f"{key}.mesh.valve")
-        _check_directions(solid, key)
         _check_tags(solid, key, VALVE_TAGS)
+    if mesh.valve_diameter is not None:
+        if dim != 3:
+            place = "valve" if mesh.valve is not None else "leaflets"
+            raise CaseError("a valve needs three dimensions", key=f"{key}.mesh.{place}")
+        _check_directions(solid, key)
     if mesh.shape is not None:
         if mesh.shape_dim != dim:
             fits = "'box'" if dim == 3 else "'rectangle' or 'compressed_block'"
@@ -212,7 +214,7 @@ def _check_housing(case: Case) -> None:
         return
     if case.grid.dim != 3:
         raise CaseError("a housing needs three dimensions", key="housing")
-    valves = {solid.name: solid.mesh.valve for solid in case.solid if solid.mesh.valve is not None}
+    valves = {s.name: s.mesh.valve for s in case.solid if s.mesh.valve_diameter is not None}
     if housing.stent is None:
         return
     if housing.stent not in valves:
@@ -222,7 +224,7 @@ def _check_housing(case: Case) -> None:
             value=housing.stent,
         )
     valve = valves[housing.stent]
-    if valve.base < housing.annulus:
+    if valve is not None and valve.base < housing.annulus:
         raise CaseError(
             "the leaflets' attachment begins below the housing's annulus",
             key="housing.annulus",
@@ -236,6 +238,11 @@ def _check_length(value: Sequence[float], dim: int, key: str) -> None:
 
 
 def _check_tags(solid: Solid, key: str, tags: Collection[str]) -> None:
+    for tag in solid.faces:
+        if tag not in tags:
+            raise CaseError(
+                f"the mesh has no such tag{nearest(tag, sorted(tags))}", key=f"{key}.faces", value=tag
+            )
     for kind in ("tether", "load"):
         for number, item in enumerate(getattr(solid, kind)):
             for tag in item.on:

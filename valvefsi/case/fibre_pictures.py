@@ -6,8 +6,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from valvefsi.case.build import build_mesh
 from valvefsi.case.fibres import add_fibres
+from valvefsi.case.meshes import build_mesh
 from valvefsi.case.models import Case
 from valvefsi.errors import CaseError
 from valvefsi.post.plots.fibre import fibre_picture

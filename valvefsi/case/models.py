@@ -25,7 +25,7 @@ from valvefsi.case.quantities import (
     Viscosity,
 )
 from valvefsi.case.table import Name, Table, problem
-from valvefsi.case.valve_tables import Housing, ValveShape
+from valvefsi.case.valve_tables import Housing, OwnLeaflets, ValveShape
 
 Axis = Literal["x", "y", "z"]
 Kernel = Literal[
@@ -118,6 +118,7 @@ class Mesh(Table):
     )
 
     valve: ValveShape | None = Field(None, description="Leaflets of a valve; or give file or shape")
+    leaflets: OwnLeaflets | None = Field(None, description="What the tags of a file with leaflets are")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -127,6 +128,8 @@ class Mesh(Table):
                 "neither is given" if not given else "both are given" if len(given) == 2 else "all are given"
             )
             raise problem(f"give file, shape or valve; {found}", "shape", self.shape)
+        if self.leaflets is not None and self.file is None:
+            raise problem("it says what the tags of a file are; leave it out", "leaflets")
         if self.shape is None:
             return self
         dim = self.shape_dim
@@ -140,6 +143,12 @@ class Mesh(Table):
             found = "needs a" if self.load_width is None else "has no"
             raise problem(f"a {self.shape} {found} load_width", "load_width", self.load_width)
         return self
+
+    @property
+    def valve_diameter(self) -> float | None:
+        """Diameter of the orifice of the valve that it holds [cm]; None without one."""
+        valve = self.valve or self.leaflets
+        return None if valve is None else valve.diameter
 
     @property
     def shape_dim(self) -> int:
@@ -223,6 +232,12 @@ class Solid(Table):
         "lagrange",
         description='"lagrange", or "solid_shell" for leaflets and other thin incompressible bodies of hexahedra',
     )
+    faces: tuple[str, ...] = Field(
+        (),
+        description="solid_shell only: tags of the two faces that the thickness lies between; found from the elements "
+        "when left out, for leaflets of a file from inflow and outflow",
+        examples=[["lower", "upper"]],
+    )
     degree: Literal[1, 2] = Field(1, description="Polynomial degree of the elements, 1 or 2")
     quadrature_degree: int | None = Field(
         None,
@@ -298,6 +313,9 @@ class Solid(Table):
     def _check(self) -> Self:
         if self.seepage == "unresolved" and self.coupling != "nodal":
             raise problem('expected coupling = "nodal" with it', "seepage", self.seepage)
+        if self.faces and (len(self.faces) != 2 or self.element != "solid_shell"):
+            found = "expected two tags" if self.element == "solid_shell" else "solid_shell only; leave it out"
+            raise problem(found, "faces", list(self.faces))
         return self
 
     @property

@@ -125,6 +125,7 @@ def _find_files(raw: dict[str, object], file: Path | None, changed: Sequence[str
     for number, circuit in enumerate(circuits if isinstance(circuits, list) else ()):
         if isinstance(circuit, dict):
             _find_file(raw, ("circuit", number, "pump"), file, changed)
+    _find_file(raw, ("housing",), file, changed)
     solids = raw.get("solid")
     for number, solid in enumerate(solids if isinstance(solids, list) else ()):
         if not isinstance(solid, dict):

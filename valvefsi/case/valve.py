@@ -1,8 +1,9 @@
-"""From the tables of a valve and its test section to meshes and rigid surfaces."""
+"""The valve of a case: which solid it is, where its leaflets are attached and free, and the rigid walls around it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -10,19 +11,22 @@ from mpi4py import MPI
 from valvefsi.bodies.filling import Filling
 from valvefsi.bodies.patches import PatchedSurface
 from valvefsi.bodies.rigid import RigidSurface
+from valvefsi.case.meshes import mesh_path
 from valvefsi.case.models import Case
-from valvefsi.case.valve_tables import ValveShape
+from valvefsi.case.valve_tables import SURFACES, Housing
 from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.offsets import surface_offset
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError, raise_together
-from valvefsi.geometry.aortic_section import PointSurface, attachment_line, joined
+from valvefsi.geometry.aortic_section import PointSurface, joined
 from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.geometry.patches import patch_labels
-from valvefsi.geometry.valve import ValveMesh, distribute, mesh_valve
+from valvefsi.geometry.ribbons import MiddleLine, middle_lines
+from valvefsi.geometry.stent import FormulaEdge, LineEdge, StentEdge, edge_line, stent_wall
+from valvefsi.geometry.tagged import TaggedSurfaces, gather_surfaces
+from valvefsi.geometry.wall import radius_at, read_wall, wall_points
 from valvefsi.grid import MacGrid
 from valvefsi.run.recording import Orifice
-from valvefsi.solid.materials import fibres
 from valvefsi.types import Array, Indices
 
 KERNEL = "composite_bspline32"
@@ -31,62 +35,151 @@ KERNEL = "composite_bspline32"
 LINE = 720
 """Points around the axis that mark where the leaflets are attached."""
 
+ROUND = 0.2
+"""Largest difference of the mean distance of the attached edge from the axis to half of the diameter, as a part."""
 
-def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
-    """Mesh the leaflets of a valve for a grid of spacing h, with fibre fields fibre_1, ... and fibre, the first.
 
-    The leaflets' own directions are the fields circumferential and radial.
+@dataclass(frozen=True, kw_only=True)
+class Valve:
+    """The valve of a case.
+
+    Attributes:
+        number: Number of its solid.
+        name: Name of its solid.
+        diameter: Diameter of its orifice about the z axis [cm].
+    """
+
+    number: int
+    name: str
+    diameter: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeafletEdges:
+    """The edges of a valve's leaflets.
+
+    Attributes:
+        surfaces: Tagged facets of their mesh.
+        free: Middle line of each free edge.
+        attached: Middle line of each attached edge.
+    """
+
+    surfaces: TaggedSurfaces
+    free: list[MiddleLine]
+    attached: list[MiddleLine]
+
+
+def find_valve(case: Case) -> Valve | None:
+    """Return the valve of a case: that of the housing's stent, or the only solid with leaflets; None without one."""
+    stent = case.housing.stent if case.housing is not None else None
+    found = [
+        Valve(number=number, name=solid.name, diameter=solid.mesh.valve_diameter)
+        for number, solid in enumerate(case.solid)
+        if solid.mesh.valve_diameter is not None and stent in (None, solid.name)
+    ]
+    return found[0] if len(found) == 1 else None
+
+
+def valve_of(case: Case) -> Valve:
+    """Return the valve of a case.
+
+    Raises:
+        CaseError: There is none, or more than one.
+    """
+    found = find_valve(case)
+    if found is None:
+        raise CaseError(
+            "there is no valve, or more than one and no stent", file=case.file, key="housing.stent"
+        )
+    return found
+
+
+def find_orifice(case: Case) -> Orifice | None:
+    """Return the orifice of a case with a valve, None without one."""
+    valve = find_valve(case)
+    return None if valve is None else Orifice(body=valve.number, radius=0.5 * valve.diameter)
+
+
+def leaflet_edges(case: Case, number: int, mesh: SolidMesh) -> LeafletEdges:
+    """Return the edges of the leaflets that a solid of a case consists of.
+
+    Args:
+        case: The case.
+        number: Number of the solid.
+        mesh: Its mesh.
+
+    Raises:
+        CaseError: A tag is missing or of cells, or facets do not form edges of leaflets.
 
     Note:
         Collective.
     """
-    made = moved(mesh_valve(shape.geometry(), size=shape.ratio * h, layers=shape.layers), shape.base)
-    mesh = distribute(made, comm)
-    middles = made.points[made.cells].mean(axis=1)
-    fields = {name: fibres.from_cells(mesh, middles, vectors) for name, vectors in made.fibres.items()}
-    return mesh.with_fibres(**fields, fibre=fields["fibre_1"])
+    given = case.solid[number]
+    own = given.mesh.leaflets
+    tags = own.tags if own is not None else {name: (name,) for name in SURFACES}
+    try:
+        surfaces = gather_surfaces(mesh, tags)
+        free, attached = (middle_lines(surfaces, name) for name in ("free", "attached"))
+    except CaseError as error:
+        raise _of_leaflets(case, number, error) from None
+    return LeafletEdges(surfaces=surfaces, free=free, attached=attached)
 
 
-def moved(mesh: ValveMesh, z: float) -> ValveMesh:
-    """Return a valve's mesh, moved along its axis."""
-    return replace(mesh, points=mesh.points + [0.0, 0.0, z])
-
-
-def find_orifice(case: Case) -> Orifice | None:
-    """Return the orifice of a case with a valve in a housing, None without one."""
-    found = stented(case)
-    return None if found is None else Orifice(body=found[0], radius=0.5 * found[1].diameter)
-
-
-def stented(case: Case) -> tuple[int, ValveShape] | None:
-    """Return number of the solid and shape of the valve in a case's housing, None without one."""
-    stent = case.housing.stent if case.housing is not None else None
-    for number, solid in enumerate(case.solid):
-        if solid.name == stent and solid.mesh.valve is not None:
-            return number, solid.mesh.valve
-    return None
-
-
-def valve_of(case: Case) -> tuple[str, ValveShape]:
-    """Return name and shape of the valve in a case's housing.
+def check_leaflets(case: Case, meshes: Mapping[int, SolidMesh]) -> dict[int, LeafletEdges]:
+    """Return the edges of all leaflets that are read from files, by the number of their solid.
 
     Raises:
-        CaseError: There is none.
+        CaseError: Tags or facets are not those of leaflets, or are not where the case has them.
+
+    Note:
+        Collective.
     """
-    found = stented(case)
-    if found is None:
-        raise CaseError("there is no valve in a housing", file=case.file, key="housing.stent")
-    return case.solid[found[0]].name, found[1]
+    found = {}
+    for number, solid in enumerate(case.solid):
+        own = solid.mesh.leaflets
+        if own is None:
+            continue
+        edges = found[number] = leaflet_edges(case, number, meshes[number])
+        x = np.concatenate([line.at(edges.surfaces.points) for line in edges.attached])
+        ratio = float(np.hypot(x[:, 0], x[:, 1]).mean()) / (0.5 * own.diameter)
+        if abs(ratio - 1.0) > ROUND:
+            raise CaseError(
+                f"the attached edge is on average {0.5 * own.diameter * ratio:.4g} cm from the z axis, not half "
+                "of this diameter; is the mesh in cm, with its axis along z?",
+                file=case.file,
+                key=f"solid.{solid.name}.mesh.leaflets.diameter",
+                value=own.diameter,
+            )
+    return found
 
 
-def build_rigid(case: Case, grid: MacGrid) -> tuple[RigidSurface, ...]:
+def _of_leaflets(case: Case, number: int, error: CaseError) -> CaseError:
+    """Return an error of tagged facets with its place in the case, the name of the facets as key."""
+    solid = case.solid[number]
+    own = solid.mesh.leaflets
+    value = error.value
+    if value is None and own is not None and error.key in SURFACES:
+        value = ", ".join(own.tags[error.key])
+    key = f"solid.{solid.name}.mesh.leaflets.{error.key}"
+    return CaseError(error.reason, file=case.file, key=key, value=value)
+
+
+def build_rigid(
+    case: Case, grid: MacGrid, edges: Mapping[int, LeafletEdges] | None = None
+) -> tuple[RigidSurface, ...]:
     """Build the housing of a case, with its stent, and what fills the box outside.
 
     Springs and dampers are a given part of what an explicit step carries on the mass that the kernel moves, see
     `valvefsi.run.planning`.
 
+    Args:
+        case: The case.
+        grid: Its grid.
+        edges: Edges of leaflets that are read from files, by the number of their solid.
+
     Raises:
-        CaseError: The housing does not fit into the part of the box that has cells of the smallest width.
+        CaseError: The housing does not fit into the part of the box that has cells of the smallest width, its file
+            cannot be used, or the leaflets' attachment leaves the stent open.
 
     Note:
         Collective.
@@ -94,7 +187,7 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[RigidSurface, ...]:
     housing = case.housing
     if housing is None:
         return ()
-    surface, labels = _patched_section(case)
+    surface, labels = _patched_section(case, housing, grid.comm, edges or {})
     h = case.grid.spacing
     share = housing.hold * case.fluid.density * h / largest_square_sum(KERNEL)
     problem = rigid = None
@@ -109,22 +202,20 @@ def build_rigid(case: Case, grid: MacGrid) -> tuple[RigidSurface, ...]:
             slip=_end_slip(case, surface),
         )
     except StabilityError as error:
+        widest = float(np.hypot(surface.points[:, 0], surface.points[:, 1]).max())
         message = f"the housing does not fit into the core of the box: {error}"
-        problem = CaseError(
-            message, file=case.file, key="housing", value=f"radius {housing.section().widest:.4g} cm"
-        )
+        problem = CaseError(message, file=case.file, key="housing", value=f"radius {widest:.4g} cm")
     raise_together(grid.comm, problem)
     assert rigid is not None  # or all ranks have raised
-    return (rigid, _filling(case, grid)) if housing.fill else (rigid,)
+    return (rigid, _filling(case, housing, grid)) if housing.fill else (rigid,)
 
 
-def _filling(case: Case, grid: MacGrid) -> Filling:
+def _filling(case: Case, housing: Housing, grid: MacGrid) -> Filling:
     """Return what holds the fluid outside the housing still."""
-    housing, h, (low, high) = case.housing, case.grid.spacing, case.grid.bounds[2]
-    assert housing is not None  # `build_rigid` has looked
+    h, (low, high) = case.grid.spacing, case.grid.bounds[2]
     share = housing.hold * case.fluid.density
     return Filling(
-        housing.section().housing(h, (low, high)),
+        _wall(case, housing, (low + 0.5 * h, high - 0.5 * h), grid.comm)[0],
         Coupling(grid, KERNEL),
         name="filling",
         stiffness=share / case.dt**2,
@@ -146,21 +237,77 @@ def _end_slip(case: Case, surface: PointSurface) -> Array:
     return slip
 
 
-def _patched_section(case: Case) -> tuple[PointSurface, Indices]:
+def _patched_section(
+    case: Case, housing: Housing, comm: MPI.Comm, edges: Mapping[int, LeafletEdges]
+) -> tuple[PointSurface, Indices]:
     """Return the points of the housing and its stent, and the patch of each.
 
     The points lie outside the surfaces by the kernel's offset, so that the fluid is at rest on them.
     """
     h, (low, high) = case.grid.spacing, case.grid.bounds[2]
-    housing = case.housing
-    assert housing is not None  # `build_rigid` has looked
-    section = housing.section()
     ends = (low + 0.5 * h, high - 0.5 * h)
-    surfaces, seam = [section.housing(h, ends)], None
+    wall, radius = _wall(case, housing, ends, comm)
+    surfaces, seam = [wall], None
     if housing.stent is not None:
-        _, shape = valve_of(case)
-        surfaces.append(section.stent(h, shape.geometry(), shape.base))
-        seam = attachment_line(shape.geometry(), shape.base, LINE)
+        edge = _stent_edge(case, housing, edges)
+        surfaces.append(stent_wall(edge, housing.annulus, radius, h))
+        seam = edge_line(edge, LINE)
     labels = patch_labels(surfaces, h, ends, seam)
     whole = joined(*surfaces)
     return whole.moved(h * surface_offset(KERNEL, whole.normals, (0.0, 0.0, 1.0))), labels
+
+
+def _wall(
+    case: Case, housing: Housing, ends: tuple[float, float], comm: MPI.Comm
+) -> tuple[PointSurface, Callable[[Array], Array]]:
+    """Return the housing between two planes, and its distance from the axis at the annulus. Collective."""
+    h = case.grid.spacing
+    if housing.file is None:
+        section = housing.section()
+        return section.housing(h, ends), lambda phi: section.radius(phi, np.full_like(phi, housing.annulus))
+    wall = problem = None
+    if comm.rank == 0:
+        try:
+            path = mesh_path(housing.file, case.file)
+            points, triangles = read_wall(path, scale=housing.file_unit or 1.0, tags=housing.tags)
+            _check_width(case, points[np.unique(triangles)])
+            wall = wall_points(points, triangles, h, ends)
+        except CaseError as error:
+            key, value = f"housing.{error.key or 'file'}", error.value or housing.file
+            problem = CaseError(error.reason, file=case.file, key=key, value=value)
+    raise_together(comm, problem)
+    wall = comm.bcast(wall)
+    assert wall is not None  # or all ranks have raised
+    return wall, lambda phi: radius_at(wall, housing.annulus, phi)
+
+
+def _check_width(case: Case, points: Array) -> None:
+    """Refuse a wall that is wider than the box."""
+    for axis, (low, high) in enumerate(case.grid.bounds[:2]):
+        first, last = float(points[:, axis].min()), float(points[:, axis].max())
+        if first < low or last > high:
+            raise CaseError(
+                f"the wall is wider than the box: it spans {'xy'[axis]} = {first:.4g} ... {last:.4g} cm; is file_unit "
+                "that of the file, and its axis z?"
+            )
+
+
+def _stent_edge(case: Case, housing: Housing, edges: Mapping[int, LeafletEdges]) -> StentEdge:
+    """Return the upper edge of the stent."""
+    valve = valve_of(case)
+    shape = case.solid[valve.number].mesh.valve
+    if shape is not None:
+        return FormulaEdge(shape.geometry(), shape.base)
+    found = edges[valve.number]
+    try:
+        edge = LineEdge([line.at(found.surfaces.points) for line in found.attached])
+    except CaseError as error:
+        raise _of_leaflets(case, valve.number, error) from None
+    if edge.lowest < housing.annulus:
+        raise CaseError(
+            f"the leaflets' attachment begins below the housing's annulus, at z = {edge.lowest:.4g} cm",
+            file=case.file,
+            key="housing.annulus",
+            value=housing.annulus,
+        )
+    return edge

@@ -12,7 +12,7 @@ import numpy as np
 from valvefsi.case.circuit_tables import CircuitTable, Pump
 from valvefsi.case.circulation import connected
 from valvefsi.case.models import Case
-from valvefsi.case.valve import valve_of
+from valvefsi.case.valve import find_valve, valve_of
 from valvefsi.case.valve_views import draw_leaflets
 from valvefsi.io.history import read_history
 from valvefsi.post.valve_numbers import CycleNumbers, cycle_change, valve_numbers
@@ -42,7 +42,7 @@ def report_valve(case: Case, out: Path) -> dict[str, object]:
 
     Peaks of strain and stress in each leaflet, ``leaflets.png`` and ``free_edges.png``, where the run has written
     frames; numbers of each cycle and ``valve.png`` for a valve between two circuits, or two sections that are called
-    upstream and downstream. Empty for a case without a valve in a housing.
+    upstream and downstream. Empty for a case without a valve.
     """
     if not has_valve(case):
         return {}
@@ -55,8 +55,8 @@ def report_valve(case: Case, out: Path) -> dict[str, object]:
 
 
 def has_valve(case: Case) -> bool:
-    """Whether a case has a valve in a housing."""
-    return case.housing is not None and case.housing.stent is not None
+    """Whether a case has a valve, meshed or of the user's own."""
+    return find_valve(case) is not None
 
 
 def draw_valve(case: Case, folder: Path, out: Path) -> list[Path]:
@@ -144,14 +144,14 @@ def _record(case: Case, history: History) -> ValveRecord:
 
 
 def _test(case: Case) -> ValveTest:
-    return ValveTest(rho=case.fluid.density, mu=case.fluid.viscosity, diameter=valve_of(case)[1].diameter)
+    return ValveTest(rho=case.fluid.density, mu=case.fluid.viscosity, diameter=valve_of(case).diameter)
 
 
 def _plausible(
     case: Case, history: History, cycle: dict[str, Any], change: dict[str, float | None]
 ) -> dict[str, object]:
     """Compare the last cycle with what is plausible; None where there is no number."""
-    forward, name = cycle["forward_volume"], valve_of(case)[0]
+    forward, name = cycle["forward_volume"], valve_of(case).name
     orifice = math.pi * (0.5 * _test(case).diameter) ** 2
     swelling = history[f"{name}_volume_change_percent"]
 

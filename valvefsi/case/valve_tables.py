@@ -1,4 +1,4 @@
-"""The tables of a case file about a valve in a test section: the leaflets' mesh and the rigid housing."""
+"""The tables of a case file about a valve in a test section: the leaflets, meshed or of one's own, and the housing."""
 
 from __future__ import annotations
 
@@ -14,6 +14,12 @@ from valvefsi.geometry.aortic_section import AorticSection
 from valvefsi.geometry.leaflets import TYPES, ValveGeometry
 
 VALVE_TAGS = ("leaflet_1", "leaflet_2", "leaflet_3", "inflow", "outflow", "attached", "free")
+
+SURFACES = ("attached", "free", "inflow", "outflow")
+"""What the facets of leaflets are."""
+
+SECTION = ("inlet_radius", "outlet_radius", "sinus_height", "sinus_depth")
+"""Lengths of the parametric test section."""
 
 LENGTHS = ("height", "commissure", "thickness", "belly_thickness", "gap", "nose", "drop")
 """Lengths of the leaflets that a case may set in place of the type's own."""
@@ -55,9 +61,59 @@ class ValveShape(Table):
         return replace(TYPES[self.type](diameter=self.diameter), **given)
 
 
+class OwnLeaflets(Table):
+    """What the tags of a mesh file are that holds leaflets; z is along the flow, and the axis of the valve."""
+
+    diameter: Length = Field(
+        2.5, gt=0, description="Diameter of the orifice, where the leaflets are attached"
+    )
+    attached: tuple[str, ...] = Field(
+        ("attached",), min_length=1, description="Tags of the facets at which the leaflets are attached"
+    )
+    free: tuple[str, ...] = Field(("free",), min_length=1, description="Tags of the facets of the free edges")
+    inflow: tuple[str, ...] = Field(
+        ("inflow",), min_length=1, description="Tags of the leaflets' faces towards the inflow"
+    )
+    outflow: tuple[str, ...] = Field(
+        ("outflow",), min_length=1, description="Tags of the leaflets' faces towards the outflow"
+    )
+    directions: Literal["tags", "data"] = Field(
+        "tags",
+        description='Where the leaflets\' own directions are from: "tags" (radial from the attached to the free '
+        'edge, circumferential along them) or "data" (the unit vectors in the file\'s cell data)',
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        seen: dict[str, str] = {}
+        for name, tags in self.tags.items():
+            for tag in tags:
+                if tag in seen:
+                    raise problem(f"this tag is one of {seen[tag]}, too", name, tag)
+                seen[tag] = name
+        return self
+
+    @property
+    def tags(self) -> dict[str, tuple[str, ...]]:
+        """Tags of facets by what they are."""
+        return {name: getattr(self, name) for name in SURFACES}
+
+
 class Housing(Table):
     """A rigid aortic test section about the z axis, from one z side of the box to the other."""
 
+    file: str | None = Field(
+        None,
+        description="STL file, or mesh whose facets are the wall, relative to the case file; about the z axis, "
+        "in place of the test section of the lengths below",
+        examples=["housing.stl"],
+    )
+    file_unit: Length | None = Field(
+        None, gt=0, description="file only: length of its unit; 1 cm when left out", examples=["1 mm"]
+    )
+    tags: tuple[str, ...] = Field(
+        (), description="file only: tags of the facets that are the wall; empty for all"
+    )
     inlet_radius: Length = Field(1.25, gt=0, description="Radius of the inflow tract")
     outlet_radius: Length = Field(1.4, gt=0, description="Radius of the outflow tract")
     annulus: Length = Field(0.0, description="z at which the sinuses begin, and the stent")
@@ -74,10 +130,20 @@ class Housing(Table):
         description="Whether the fluid outside is held still, so that nothing flows round the valve there",
     )
     stent: Name | None = Field(
-        None, description="Solid with a valve whose stent belongs to it", examples=["leaflets"]
+        None,
+        description="Solid with a valve whose stent belongs to it: a wall from annulus to the attached edge",
+        examples=["leaflets"],
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        own = ("file_unit", "tags") if self.file is None else SECTION
+        for key in own:
+            if getattr(self, key) != type(self).model_fields[key].default:
+                found = "needs a file" if self.file is None else "is that of the file; leave it out"
+                raise problem(f"the wall {found}", key, getattr(self, key))
+        return self
 
     def section(self) -> AorticSection:
         """Return the housing's shape."""
-        names = ("inlet_radius", "outlet_radius", "annulus", "sinus_height", "sinus_depth")
-        return AorticSection(**{name: getattr(self, name) for name in names})
+        return AorticSection(annulus=self.annulus, **{name: getattr(self, name) for name in SECTION})

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from valvefsi.case.meshes import solid_mesh
 from valvefsi.case.models import Case
-from valvefsi.case.valve import moved, valve_of
+from valvefsi.case.valve import leaflet_edges, valve_of
 from valvefsi.errors import CaseError
-from valvefsi.geometry.valve import ValveMesh, mesh_valve
+from valvefsi.geometry.ribbons import MiddleLine
+from valvefsi.geometry.tagged import TaggedSurfaces
 from valvefsi.grid import Array
 from valvefsi.io.grid_files import times_of
 from valvefsi.io.solid_body import Body, read_body
@@ -36,9 +41,7 @@ class Leaflets:
         points: Nodes end on: to the right, upwards, towards the viewer, ``(m, n, 3)`` [cm].
         triangles: Corners of their surface, ``(k, 3)``.
         owner: Number of each triangle's leaflet from 0, ``(k,)``.
-        ends: Nodes at both sides of the leaflet whose middles are the ends of the pieces of the free edges,
-            ``(pieces, 2, 2)``.
-        leaflet: Number of each piece's leaflet from 0, ``(pieces,)``.
+        lines: Middle line of each leaflet's free edge, of the nodes.
         area: Projected open area, ``(m,)`` [cm^2].
     """
 
@@ -46,25 +49,23 @@ class Leaflets:
     points: Array
     triangles: Indices
     owner: Indices
-    ends: Indices
-    leaflet: Indices
+    lines: tuple[MiddleLine, ...]
     area: Array
 
     def edges(self, k: int) -> Array:
         """Ends of the pieces of the free edges at a frame, ``(pieces, 2, 3)`` [cm]."""
-        return self.points[k][self.ends].mean(axis=2)
+        ends = [np.stack([x[:-1], x[1:]], axis=1) for x in (line.at(self.points[k]) for line in self.lines)]
+        return np.concatenate(ends)
 
     def middles(self) -> Array:
-        """How far the middle of each free edge is from the axis, negative beyond it, ``(m, 3)`` [cm]."""
-        found, first = np.empty((len(self.t), 3)), self.edges(0)
-        for number in range(3):
-            mine = np.flatnonzero(self.leaflet == number)
-            xy = first[mine][..., :2].reshape(-1, 2)
+        """How far the middle of each free edge is from the axis, negative beyond it, ``(m, leaflets)`` [cm]."""
+        found = np.empty((len(self.t), len(self.lines)))
+        for number, line in enumerate(self.lines):
+            xy = line.at(self.points[0])[:, :2]
             way = xy.mean(axis=0) / np.linalg.norm(xy.mean(axis=0))
-            aside = np.abs(xy @ np.array([-way[1], way[0]]))
-            nodes = np.flatnonzero(aside < aside.min() + 1e-6)  # one in each layer of elements
+            middle = np.abs(xy @ np.array([-way[1], way[0]])).argmin()
             for k in range(len(self.t)):
-                found[k, number] = (self.edges(k)[mine][..., :2].reshape(-1, 2)[nodes] @ way).mean()
+                found[k, number] = line.at(self.points[k])[middle, :2] @ way
         return found
 
 
@@ -74,7 +75,7 @@ def draw_leaflets(
     """Draw ``leaflets.png``, end views, and ``free_edges.png``; nothing for a run with fewer than two frames.
 
     Args:
-        case: A case with a valve in a housing.
+        case: A case with a valve.
         folder: Folder of the run.
         out: Folder of the pictures.
         window: First and last time, such as those of a cycle; the whole run if None [s].
@@ -82,17 +83,17 @@ def draw_leaflets(
     from valvefsi.post.plots.free_edge import free_edges
     from valvefsi.post.plots.valve_waveform import valve_end_views
 
-    name, shape = valve_of(case)
-    if not (Path(folder) / "paraview" / f"{name}.pvd").is_file():
+    valve = valve_of(case)
+    if not (Path(folder) / "paraview" / f"{valve.name}.pvd").is_file():
         return []
     run = read_leaflets(case, folder, window)
     if len(run.t) < 2:
         return []
-    radius = 0.5 * shape.diameter
+    radius = 0.5 * valve.diameter
     views = [
         {"xyz": np.concatenate([run.points[k], run.edges(k).reshape(-1, 3)]), "t": run.t[k]}
         | {"triangles": run.triangles, "owner": run.owner, "open_area": run.area[k]}
-        | {"free_edges": len(run.points[k]) + np.arange(2 * len(run.ends)).reshape(-1, 2)}
+        | {"free_edges": len(run.points[k]) + np.arange(2 * len(run.edges(k))).reshape(-1, 2)}
         for k in moments(run.t, run.area)
     ]
     edges: dict[str, Any] = {"t": run.t, "middles": run.middles(), "top": int(np.argmax(run.area))}
@@ -127,38 +128,46 @@ def read_leaflets(case: Case, folder: Path, window: tuple[float, float] | None =
     Raises:
         CaseError: The frames are not of the case's valve.
     """
-    name, shape = valve_of(case)
-    series = Path(folder) / "paraview" / f"{name}.pvd"
+    valve = valve_of(case)
+    series = Path(folder) / "paraview" / f"{valve.name}.pvd"
     low, high = window or (-np.inf, np.inf)
     found = [(t, path) for t, path in times_of(series) if low - 1e-9 <= t <= high + 1e-9]
     bodies = [read_body(path) for _, path in found]
     if not bodies:
         none, no = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-        return Leaflets(t=none, points=none, triangles=no, owner=no, ends=no, leaflet=no, area=none)
-    made = moved(
-        mesh_valve(shape.geometry(), size=shape.ratio * case.grid.spacing, layers=shape.layers), shape.base
-    )
-    node = _nodes(made, bodies[0], series)
+        return Leaflets(t=none, points=none, triangles=no, owner=no, lines=(), area=none)
+    edges = leaflet_edges(case, valve.number, solid_mesh(case, valve.number, MPI.COMM_SELF))
+    node = _nodes(edges.surfaces, bodies[0], series)
+    lines = tuple(replace(line, nodes=node[line.nodes]) for line in edges.free)
     triangles = np.concatenate([surface_triangles(kind, cells) for kind, cells in bodies[0].cells.items()])
-    of_node = cKDTree(made.points).query(bodies[0].reference)[1] * 3 // len(made.points)
-    edge: dict[str, Any] = {"radius": 0.5 * shape.diameter, "axis": AXIS, "centre": CENTRE, "rows": 128}
-    free = made.facets["free"]
+    disk: dict[str, Any] = {"radius": 0.5 * valve.diameter, "axis": AXIS, "centre": CENTRE, "rows": 128}
     return Leaflets(
         t=np.array([t for t, _ in found]),
         points=np.stack([end_view(body.points, AXIS, CENTRE) for body in bodies]),
         triangles=triangles,
-        owner=of_node[triangles[:, 0]],
-        ends=node[np.stack([free[:, [0, 1]], free[:, [3, 2]]], axis=1)],
-        leaflet=free[:, 0] * 3 // len(made.points),
-        area=np.array([projected_area(body.points, triangles, **edge).open_area for body in bodies]),
+        owner=_owners(triangles, lines, len(bodies[0].points)),
+        lines=lines,
+        area=np.array([projected_area(body.points, triangles, **disk).open_area for body in bodies]),
     )
 
 
-def _nodes(made: ValveMesh, body: Body, series: Path) -> Indices:
-    """Return the node of a frame at each node of a valve's mesh."""
+def _nodes(surfaces: TaggedSurfaces, body: Body, series: Path) -> Indices:
+    """Return the node of a frame at each corner of the tagged facets."""
     reference = body.reference if body.reference is not None else body.points
-    distance, node = cKDTree(reference).query(made.points)
-    edge = np.linalg.norm(made.points[made.cells[:, 0]] - made.points[made.cells[:, 1]], axis=1).min()
+    distance, node = cKDTree(reference).query(surfaces.points)
+    corners = surfaces.points[surfaces.faces["free"]]
+    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).min()
     if distance.max() > 0.01 * edge:
         raise CaseError("these frames are not of the case's valve", file=series)
     return node
+
+
+def _owners(triangles: Indices, lines: tuple[MiddleLine, ...], count: int) -> Indices:
+    """Return the leaflet of each triangle: the first whose free edge is on the same connected piece, else 0."""
+    edges = np.concatenate([triangles[:, :2], triangles[:, 1:]])
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
+    pieces, piece = connected_components(graph, directed=False)
+    owner = np.zeros(pieces, dtype=np.int64)
+    for number, line in reversed(list(enumerate(lines))):
+        owner[piece[line.nodes[0, 0]]] = number
+    return owner[piece[triangles[:, 0]]]

@@ -43,10 +43,13 @@ def surface_offset(kernel: str, normals: Array, along: tuple[float, float, float
     flow = direction - (normals @ direction)[:, None] * normals
     length = np.linalg.norm(flow, axis=1)
     flow = np.where(length[:, None] > 1e-6, flow / np.maximum(length, 1e-6)[:, None], np.sqrt(1.0 / 3.0))
+    # Many points of a plane face, or of a column of a tube, have one normal.
+    _, first, same = np.unique(normals, axis=0, return_index=True, return_inverse=True)
+    normals, flow = normals[first], flow[first]
     parts = [
         _offset(kernel, normals[k : k + BLOCK], flow[k : k + BLOCK]) for k in range(0, len(normals), BLOCK)
     ]
-    return np.concatenate(parts) if parts else np.zeros(0)
+    return np.concatenate(parts)[same.ravel()] if parts else np.zeros(0)
 
 
 def _offset(kernel: str, normals: Array, flow: Array) -> Array:

@@ -1,11 +1,10 @@
-"""The aortic test section of a pulse duplicator: inflow tract, three sinuses, outflow tract, and the valve's stent.
+"""The aortic test section of a pulse duplicator: inflow tract, three sinuses, outflow tract.
 
 The housing is a surface r(phi, z) about the z axis. With s = (z - annulus) / sinus_height between 0 and 1,
 
     r = R + (R_out - R) (3 s^2 - 2 s^3) + depth (16 s^2 (1 - s)^2) (1 + cos 3 phi) / 2,
 
-R below, R_out above: smooth, with a sinus behind the middle of each leaflet. The stent is the part of the cylinder of
-radius R between the annulus and the line where the leaflets are attached, with its posts between them.
+R below, R_out above: smooth, with a sinus behind the middle of each leaflet. The stent is `valvefsi.geometry.stent`.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ SPACING = 0.5
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from valvefsi.geometry.leaflets import ValveGeometry
     from valvefsi.types import Array
 
 
@@ -116,60 +114,6 @@ class AorticSection:
             r = self.radius(phi, np.full_like(phi, self.annulus + s * self.sinus_height))
             longest = max(longest, float(np.hypot(r, np.gradient(r, phi)).max()))
         return longest
-
-    def stent(self, h: float, valve: ValveGeometry, height: float) -> PointSurface:
-        """Return the stent: from the annulus up to the leaflets' attachment, and the posts.
-
-        Args:
-            h: Grid spacing [cm].
-            valve: The valve.
-            height: z of the lowest point of its attachment [cm].
-        """
-        around = 3 * math.ceil(2.0 * math.pi * valve.radius / (3 * SPACING * h))
-        phi = 2.0 * math.pi * np.arange(around) / around
-        top = height + stent_height(valve, phi)
-        points, areas, normals = [], [], []
-        width = 2.0 * math.pi * valve.radius / around
-        for angle, upper in zip(phi, top, strict=True):
-            n = max(2, math.ceil((upper - self.annulus) / (SPACING * h)) + 1)
-            z = np.linspace(self.annulus, upper, n)
-            column = [
-                np.full(n, valve.radius * math.cos(angle)),
-                np.full(n, valve.radius * math.sin(angle)),
-                z,
-            ]
-            points.append(np.stack(column, axis=1))
-            share = np.full(n, (upper - self.annulus) / (n - 1))
-            share[[0, -1]] *= 0.5
-            areas.append(width * share)
-            normals.append(np.tile([math.cos(angle), math.sin(angle), 0.0], (n, 1)))
-        return PointSurface(
-            points=np.concatenate(points),
-            areas=np.concatenate(areas),
-            normals=np.concatenate(normals),
-            faces=np.zeros((0, 4), np.int64),
-        )
-
-
-def stent_height(valve: ValveGeometry, phi: Array) -> Array:
-    """Return the height of the stent above the lowest point of the attachment at angles phi, ``(n,)`` [cm]."""
-    angle = (phi + math.pi / 3.0) % (2.0 * math.pi / 3.0) - math.pi / 3.0  # from the middle of the leaflet
-    u = angle / valve.half_angle
-    attached = valve.attachment(np.clip(u, -1.0, 1.0))[:, 2]
-    return np.where(np.abs(u) >= 1.0 - 1e-9, valve.height, attached)
-
-
-def attachment_line(valve: ValveGeometry, height: float, num_points: int) -> Array:
-    """Return points of the line where the leaflets meet the stent, ``(num_points, 3)`` [cm].
-
-    Args:
-        valve: The valve.
-        height: z of the lowest point of its attachment [cm].
-        num_points: Number of points around the axis.
-    """
-    phi = 2.0 * math.pi * np.arange(num_points) / num_points
-    circle = valve.radius * np.stack([np.cos(phi), np.sin(phi)], axis=1)
-    return np.concatenate([circle, height + stent_height(valve, phi)[:, None]], axis=1)
 
 
 def closing_plate(radius: float, z: float, h: float) -> PointSurface:

@@ -2,24 +2,30 @@
 
 A closed surface (STL, or triangles in any file meshio reads) is cut into patches where its normal turns by more than an
 angle. What comes out is a gmsh file in cm whose body is tagged "body" and whose surface is tagged "surface_1", ... by
-patch; tags of a gmsh file are kept instead.
+patch. Tags of a volume mesh in a gmsh file are kept: those of its cells, those of its facets in place of the patches.
+Vectors of the cells in any volume mesh stay cell data.
 """
 
 from __future__ import annotations
 
 import math
 import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from valvefsi.errors import CaseError
 from valvefsi.geometry.mesh import _quiet_gmsh
+from valvefsi.geometry.tagged_files import fill_model, write_model
 from valvefsi.runtime.mesh_files import read_mesh_file
 
 if TYPE_CHECKING:
-    from valvefsi.types import Array, Gmsh, Indices
+    from numpy.typing import NDArray
+
+    from valvefsi.types import Array, Gmsh, Indices, Mask
 
 VOLUMES = {"tetra": 4, "hexahedron": 5}
 """Cells of volume meshes by meshio's name, and gmsh's number of their type."""
@@ -27,7 +33,6 @@ FACES = {
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 }
-FACET = {3: 2, 4: 3}
 
 
 def import_mesh(
@@ -53,13 +58,16 @@ def import_mesh(
         raise CaseError("expected a name that ends in .msh", key="--out", value=str(out))
     if not 0 < scale < math.inf or (size is not None and not 0 < size < math.inf):
         raise CaseError("expected positive lengths", key="scale, size", value=[scale, size])
-    points, cells = _read(path)
+    points, cells, groups = _read(path)
     points = points * scale
     volume = next((kind for kind in VOLUMES if kind in cells), None)
     with _quiet_gmsh() as gmsh:
         if volume is not None:
-            _take(gmsh, points, volume, cells[volume], angle)
-        elif "triangle" in cells:
+            data = groups.vectors.get(volume, {})
+            num_facets = _take(gmsh, points, volume, cells, groups, angle)
+            write_model(gmsh, out, num_facets, data)
+            return _numbers(gmsh)
+        if "triangle" in cells:
             _fill(gmsh, points, cells["triangle"], size, angle, path)
         else:
             raise CaseError(f"expected triangles, tetrahedra or hexahedra, not {', '.join(cells)}", file=path)
@@ -67,8 +75,21 @@ def import_mesh(
         return _numbers(gmsh)
 
 
-def _read(path: Path) -> tuple[Array, dict[str, Indices]]:
-    """Read points and cells, points at one place made one."""
+@dataclass(frozen=True, kw_only=True)
+class Groups:
+    """What a mesh file says of its cells, by meshio's name of their kind.
+
+    Attributes:
+        names: Name of the physical group of each cell, "" for none, ``(num_cells,)``.
+        vectors: Vectors of the cells by name, ``(num_cells, 3)``, those of the facets left out.
+    """
+
+    names: dict[str, NDArray[np.str_]]
+    vectors: dict[str, dict[str, Array]]
+
+
+def _read(path: Path) -> tuple[Array, dict[str, Indices], Groups]:
+    """Read points, cells and what is said of them; points at one place are made one."""
     mesh = read_mesh_file(path)
     points = np.asarray(mesh.points, dtype=float)
     points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
@@ -79,7 +100,29 @@ def _read(path: Path) -> tuple[Array, dict[str, Indices]]:
     cells: dict[str, list[Indices]] = {}
     for block in mesh.cells:
         cells.setdefault(block.type, []).append(same.ravel()[block.data])
-    return points[first], {kind: np.concatenate(blocks) for kind, blocks in cells.items()}
+    return points[first], {kind: np.concatenate(blocks) for kind, blocks in cells.items()}, _groups(mesh)
+
+
+def _groups(mesh: Any) -> Groups:
+    """Return the names of physical groups and the vectors of a mesh that meshio has read."""
+    kinds = {block.type for block in mesh.cells}
+    tags = mesh.cell_data.get("gmsh:physical")
+    named = {(int(tag), int(dim)): name for name, (tag, dim) in mesh.field_data.items()}
+    names = {}
+    for kind in kinds if tags is not None else ():
+        mine = [(tags[k], block.dim) for k, block in enumerate(mesh.cells) if block.type == kind]
+        numbers, dim = np.concatenate([part for part, _ in mine]), mine[0][1]
+        what = "cells" if dim == 3 else "facets"
+        table = {int(n): named.get((int(n), dim), f"{what}_{n}" if n > 0 else "") for n in np.unique(numbers)}
+        names[kind] = np.array([table[int(n)] for n in numbers], dtype=np.str_)
+    vectors: dict[str, dict[str, Array]] = {}
+    for name, blocks in mesh.cell_data.items():
+        for kind in kinds & set(VOLUMES):
+            parts = [blocks[k] for k, block in enumerate(mesh.cells) if block.type == kind]
+            values = np.concatenate(parts)
+            if values.ndim == 2 and values.shape[1] == 3:
+                vectors.setdefault(kind, {})[name] = values
+    return Groups(names=names, vectors=vectors)
 
 
 def _fill(
@@ -128,29 +171,46 @@ def _in_patches(gmsh: Gmsh, points: Array, triangles: Indices, angle: float) -> 
     return [tags for tags in found if tags]
 
 
-def _take(gmsh: Gmsh, points: Array, kind: str, cells: Indices, angle: float) -> None:
-    """Take a volume mesh, with its surface in patches."""
-    used, numbers = np.unique(cells, return_inverse=True)
-    points, cells = points[used], numbers.reshape(-1, {"tetra": 4, "hexahedron": 8}[kind])
+def _take(
+    gmsh: Gmsh, points: Array, kind: str, cells: Mapping[str, Indices], groups: Groups, angle: float
+) -> int:
+    """Take a volume mesh with its tags, its surface in patches where it has none; return its number of facets."""
+    used, numbers = np.unique(cells[kind], return_inverse=True)
+    volume = numbers.reshape(-1, {"tetra": 4, "hexahedron": 8}[kind])
+    bodies = _by_name(volume, groups.names.get(kind))
+    # The cells of gmsh's model stand group by group, and so must their data.
+    order = np.concatenate([np.flatnonzero(mine) for mine in bodies.values()])
+    for name, values in groups.vectors.get(kind, {}).items():
+        groups.vectors[kind][name] = values[order]
+    outer = _outer(volume, kind)
+    facet = {"tetra": "triangle", "hexahedron": "quad"}[kind]
+    facets = {}
+    if facet in groups.names and (groups.names[facet] != "").any():
+        corners = np.searchsorted(used, cells[facet])
+        facets = {
+            name: corners[mine] for name, mine in _by_name(corners, groups.names[facet]).items() if name
+        }
+    else:
+        patch = _patches(points[used], outer, angle)
+        facets = {f"surface_{n + 1}": outer[patch == n] for n in range(patch.max() + 1)}
+    parts = {name or "body": volume[mine] for name, mine in bodies.items()}
+    fill_model(gmsh, points[used], facets, parts)
+    return sum(map(len, facets.values()))
+
+
+def _by_name(cells: Indices, names: NDArray[np.str_] | None) -> dict[str, Mask]:
+    """Return which cells are in each group, in the order of the groups' first cells."""
+    if names is None:
+        return {"": np.ones(len(cells), dtype=bool)}
+    _, first = np.unique(names, return_index=True)
+    return {str(names[k]): names == names[k] for k in np.sort(first)}
+
+
+def _outer(cells: Indices, kind: str) -> Indices:
+    """Return the faces that belong to one cell alone, outward."""
     faces = cells[:, FACES[kind]].reshape(-1, len(FACES[kind][0]))
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    outer = faces[np.sort(first[count == 1])]
-    patch = _patches(points, outer, angle)
-    model = gmsh.model
-    for number in range(patch.max() + 1):
-        model.addDiscreteEntity(2, number + 1)
-    model.addDiscreteEntity(3, 1)
-    model.mesh.addNodes(3, 1, np.arange(1, len(points) + 1), points.ravel())
-    start = 1
-    for number in range(patch.max() + 1):
-        corners = outer[patch == number]
-        tags = np.arange(start, start + len(corners))
-        model.mesh.addElementsByType(number + 1, FACET[corners.shape[1]], tags, (corners + 1).ravel())
-        model.addPhysicalGroup(2, [number + 1], name=f"surface_{number + 1}")
-        start += len(corners)
-    tags = np.arange(start, start + len(cells))
-    model.mesh.addElementsByType(1, VOLUMES[kind], tags, (cells + 1).ravel())
-    model.addPhysicalGroup(3, [1], name="body")
+    return faces[np.sort(first[count == 1])]
 
 
 def _patches(points: Array, faces: Indices, angle: float) -> Indices:

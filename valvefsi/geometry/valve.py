@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valvefsi.errors import CaseError
+from valvefsi.geometry.tagged_files import fill_model, write_model
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -36,8 +37,6 @@ FACES = {
     "high": (1, 2, 6, 5),
 }
 """Corners of a hexahedron's faces, outward."""
-
-GMSH = {("cell", 8): 5, ("cell", 4): 4, ("facet", 4): 3, ("facet", 3): 2}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -173,16 +172,7 @@ def write_valve(path: str | Path, mesh: ValveMesh) -> Path:
         raise CaseError("expected a name that ends in .msh", key="out", value=str(path))
     with _quiet_gmsh() as gmsh:
         _to_gmsh(gmsh, mesh)
-        gmsh.option.setNumber("PostProcessing.SaveMesh", 0)  # or each view would bring the mesh again
-        gmsh.write(str(path))
-        num_facets = sum(len(faces) for faces in mesh.facets.values())
-        tags = np.arange(1, num_facets + len(mesh.cells) + 1)
-        for name, fibres in mesh.fibres.items():
-            vectors = np.pad(fibres, ((num_facets, 0), (0, 0)))  # meshio wants data for the facets too
-            view = gmsh.view.add(name)
-            model = gmsh.model.getCurrent()
-            gmsh.view.addHomogeneousModelData(view, 0, model, "ElementData", tags, vectors.ravel(), 0.0, 3)
-            gmsh.view.write(view, str(path), append=True)
+        write_model(gmsh, path, sum(len(faces) for faces in mesh.facets.values()), mesh.fibres)
     return path
 
 
@@ -194,21 +184,8 @@ def distribute(mesh: ValveMesh, comm: MPI.Comm) -> SolidMesh:
 
 
 def _to_gmsh(gmsh: Gmsh, mesh: ValveMesh) -> None:
-    """Fill gmsh's model: facets 1, 2, ... and then the cells, in the order in which gmsh writes them."""
-    model, start = gmsh.model, 1
-    for number in range(1, len(mesh.facets) + 1):
-        model.addDiscreteEntity(2, number)
-    for number in (1, 2, 3):
-        model.addDiscreteEntity(3, number)
-    model.mesh.addNodes(3, 1, np.arange(1, len(mesh.points) + 1), mesh.points.ravel())
     cells = {f"leaflet_{number}": mesh.cells[mesh.leaflet == number] for number in (1, 2, 3)}
-    for dim, groups, part in ((2, mesh.facets, "facet"), (3, cells, "cell")):
-        for number, (name, corners) in enumerate(groups.items(), start=1):
-            tags = np.arange(start, start + len(corners))
-            kind = GMSH[part, corners.shape[1]]
-            model.mesh.addElementsByType(number, kind, tags, (corners + 1).ravel())
-            model.addPhysicalGroup(dim, [number], tag=number, name=name)
-            start += len(corners)
+    fill_model(gmsh, mesh.points, mesh.facets, cells)
 
 
 def _counts(geometry: ValveGeometry, size: float) -> tuple[int, int]:

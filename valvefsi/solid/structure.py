@@ -51,6 +51,8 @@ class Discretisation:
             that of the forces and with it single points from inverting; None for that of the forces everywhere.
         element: "lagrange", or "solid_shell" for thin bodies of hexahedra, incompressible or of `SaintVenantKirchhoff`,
             see `valvefsi.solid.elements.shell_kinematics`: they bend without locking, one or two through the thickness.
+        faces: Tags of the facets on both sides of a body of solid-shell elements; None to look for its thickness where
+            rows of elements are shortest.
     """
 
     element: str = "lagrange"
@@ -59,6 +61,7 @@ class Discretisation:
     volumetric: str = "log"
     kappa: float | None = None
     volumetric_degree: int | None = None
+    faces: tuple[tuple[str, ...], tuple[str, ...]] | None = None
 
     def __post_init__(self) -> None:
         if self.degree not in (1, 2):
@@ -195,7 +198,7 @@ class Structure:
         given = self.discretisation
         if given.element == "solid_shell":
             parts = split(self.material, self.nu_stab, given.kappa, given.volumetric)
-            return ShellElasticity(self.mesh, self.space, self.material, *parts)
+            return ShellElasticity(self.mesh, self.space, self.material, *parts, faces=given.faces)
         return Elasticity(self.space, self.material, self._volumetric_parts(), degree, self.mesh.fibres)
 
     def _volumetric_parts(self) -> list[tuple[Volumetric, int]]:

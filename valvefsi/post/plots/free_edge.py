@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -35,7 +35,7 @@ def free_edges(
         path: The picture, PNG or PDF.
         edges: ``t``, moments, ``(m,)`` [s]; ``pieces``, ends of the pieces of the edges end on, ``(m, k, 2, 2)``
             [cm]; ``middles``, how far the middle of each leaflet's edge is from the axis, negative beyond it,
-            ``(m, 3)`` [cm]; ``top``, index of the moment at which the valve is open widest.
+            ``(m, leaflets)`` [cm]; ``top``, index of the moment at which the valve is open widest.
         radius: Radius of the orifice [cm].
         title: Heading.
         caption: Second line under it.
@@ -56,8 +56,11 @@ def free_edges(
             _end_on(figure, axes, edges, _chosen(edges, part), radius)
             axes.set_title(name, fontsize=10.5)
         below = figure.add_axes((0.09, 0.08, 0.87, 0.25))
-        for k, (colour, dashes) in enumerate(zip(LINES[:3], ("-", "-", (0, (4, 4))), strict=True)):
-            # The last one is dashed: in a flow that mirrors them two leaflets move alike.
+        count = edges["middles"].shape[1]
+        for k in range(count):
+            # The last of several is dashed: in a flow that mirrors them two leaflets move alike.
+            dashes: Any = (0, (4, 4)) if k == count - 1 > 0 else "-"
+            colour = LINES[k % len(LINES)]
             line = {"color": colour, "linestyle": dashes, "linewidth": 1.6, "label": f"leaflet {k + 1}"}
             below.plot(t, edges["middles"][:, k], **line)
         below.set(xlabel="t [s]", ylabel="middle of the free edge\nfrom the axis [cm]")

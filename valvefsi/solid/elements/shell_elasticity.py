@@ -22,6 +22,8 @@ from valvefsi.solid.materials.fibres import at_midpoints
 from valvefsi.solid.materials.kinematics import Kinematics
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from valvefsi.solid.materials import Material
     from valvefsi.types import Array, Mesh
 
@@ -67,6 +69,7 @@ class ShellElasticity:
         columns: Volumetric energy of each column through the thickness of an element.
         mean: Volumetric energy of each element as a whole.
         points: Gauss points through the thickness of an element.
+        faces: Tags of the facets on both sides of the body; None to look for its thickness, see `thickness_axes`.
 
     Attributes:
         corners: Corner of the mesh's cell that each corner of the element is, ``(num_cells, 8)``.
@@ -84,12 +87,13 @@ class ShellElasticity:
         columns: Volumetric,
         mean: Volumetric,
         points: int = POINTS,
+        faces: tuple[Sequence[str], Sequence[str]] | None = None,
     ) -> None:
         if space.ufl_element().degree != 1:
             raise CaseError("solid-shell elements are of degree 1", key="degree")
         self.space, self.mesh, self.dim = space, space.mesh, 3
         self.position = fem.Function(space, name="chi")
-        axes = thickness_axes(mesh)
+        axes = thickness_axes(mesh, faces)
         self._num_cells = self.mesh.topology.index_map(3).size_local
         self.corners = through_last(np.tile(np.arange(8, dtype=np.int32), (self._num_cells, 1)), axes)
         nodes = through_last(space.dofmap.list[: self._num_cells], axes)

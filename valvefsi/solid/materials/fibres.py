@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,10 +23,10 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from valvefsi.errors import CaseError, ConvergenceError, raise_together
+from valvefsi.errors import CaseError, raise_together
 from valvefsi.runtime.mesh_files import read_mesh_file
+from valvefsi.solid.materials.harmonic import harmonic
 from valvefsi.solid.materials.kinematics import Kinematics
-from valvefsi.solid.newton import Newton
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -183,7 +183,9 @@ def blend(
     if len(angles) != 2 or not all(math.isfinite(angle) for angle in angles.values()):
         raise CaseError("expected two facet tags with an angle each", key="angles", value=dict(angles))
     inner, outer = angles
-    phi, gradient = _depth(mesh, (inner, outer))
+    depth = harmonic(mesh, [((inner,), 0.0), ((outer,), 1.0)], "angles")
+    phi, gradient = at_midpoints(mesh, depth)[:, 0], np.zeros((_own_cells(mesh), 3))
+    gradient[:, : mesh.dim] = at_midpoints(mesh, ufl.grad(depth))
     along = _unit((0.0, 0.0, 1.0) if mesh.dim == 2 else axis, "axis")
     first, second = (math.radians(angle) for angle in angles.values())
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -193,7 +195,7 @@ def blend(
         around = np.where(length > 1e-8, around / length, np.nan)
     up = normal if mesh.dim == 2 else np.cross(normal, around)
     alpha = ((1 - phi) * first + phi * second)[:, None]
-    return _from_values(mesh, np.cos(alpha) * around + np.sin(alpha) * up)
+    return from_values(mesh, np.cos(alpha) * around + np.sin(alpha) * up)
 
 
 def from_cells(mesh: Mesh, points: Array, vectors: Array) -> fem.Function:
@@ -257,6 +259,43 @@ def read_fibres(mesh: Mesh, path: str | Path, name: str) -> fem.Function:
     return from_cells(mesh, points, vectors)
 
 
+def read_vectors(mesh: Mesh, path: str | Path) -> dict[str, fem.Function]:
+    """Read all cell data of unit vectors of a file that meshio reads as fibre fields by name; fibre is fibre_1, too.
+
+    Raises:
+        CaseError: The file cannot be read, has no unit vectors, or does not fit the mesh.
+
+    Note:
+        Collective; rank 0 reads.
+    """
+    comm, data, error = mesh.mesh.comm, None, None
+    if comm.rank == 0:
+        try:
+            data = _unit_vectors(Path(path), mesh.dim)
+        except CaseError as problem:
+            error = problem
+    raise_together(comm, error)
+    points, vectors = comm.bcast(data, root=0)
+    fields = {name: from_cells(mesh, points, values) for name, values in vectors.items()}
+    return fields | ({"fibre": fields["fibre_1"]} if "fibre_1" in fields and "fibre" not in fields else {})
+
+
+def _unit_vectors(path: Path, dim: int) -> tuple[Array, dict[str, Array]]:
+    """Read middles of the cells of the highest dimension, and their unit vectors by name."""
+    data = read_mesh_file(path)
+    points, vectors = np.zeros((0, 3)), {}
+    for name in data.cell_data:
+        points, found = _cells_of(data, name, dim)
+        if found.ndim != 2 or found.shape[1] not in (dim, 3):
+            continue
+        if np.abs(np.linalg.norm(found, axis=1) - 1).max(initial=0.0) <= DATA_TOLERANCE:
+            vectors[name] = found
+    if not vectors:
+        listed = ", ".join(data.cell_data) or "none"
+        raise CaseError(f"{path.name} has no cell data of unit vectors; its cell data are {listed}")
+    return points, vectors
+
+
 def check_fibres(mesh: Mesh, material: Material) -> None:
     """Refuse fibre fields that a material cannot use: missing, not unit, not at right angles where they must be.
 
@@ -302,13 +341,16 @@ def directions(material: object) -> Iterator[Direction]:
 def at_midpoints(mesh: Mesh, expression: Expr) -> Array:
     """Evaluate a UFL expression at the middle of this rank's cells, ``(num_cells, size)`` (collective)."""
     domain = mesh.mesh
-    tdim = domain.topology.dim
     middle = basix.geometry(domain.basix_cell()).mean(axis=0, keepdims=True)
-    cells = np.arange(domain.topology.index_map(tdim).size_local, dtype=np.int32)
+    cells = np.arange(_own_cells(mesh), dtype=np.int32)
     of_mesh = expression + fem.Constant(
         domain, np.zeros(expression.ufl_shape)
     )  # a vector of numbers has no mesh
     return compat.evaluate(compat.compile_expression(of_mesh, middle, domain.comm), domain, cells)
+
+
+def _own_cells(mesh: Mesh) -> int:
+    return int(mesh.mesh.topology.index_map(mesh.mesh.topology.dim).size_local)
 
 
 def on_root(mesh: Mesh, name: str) -> tuple[Array, Array] | None:
@@ -326,8 +368,8 @@ def on_root(mesh: Mesh, name: str) -> tuple[Array, Array] | None:
     return points[order], values[order]
 
 
-def _from_values(mesh: Mesh, vectors: Array) -> fem.Function:
-    """Make a field of degree 0 of vectors of this rank's own cells, ``(num_cells, 3)``."""
+def from_values(mesh: Mesh, vectors: Array) -> fem.Function:
+    """Make a field of degree 0 of vectors of this rank's own cells, ``(num_cells, 3)``, of any length (collective)."""
     space = fem.functionspace(mesh.mesh, ("DG", 0, (mesh.dim,)))
     ordered = np.full((space.dofmap.index_map.size_local, mesh.dim), np.nan)
     ordered[space.dofmap.list[: len(vectors), 0]] = vectors[:, : mesh.dim]
@@ -355,34 +397,6 @@ def _unit(vector: Sequence[float], key: str) -> Array:
     return given / length
 
 
-def _depth(mesh: Mesh, surfaces: tuple[str, str]) -> tuple[Array, Array]:
-    """Solve Laplace's equation between two surfaces; phi and its gradient in the middle of all local cells."""
-    domain = mesh.mesh
-    space = fem.functionspace(domain, ("Lagrange", 1))
-    phi, test = fem.Function(space), ufl.TestFunction(space)
-    facet_dim = domain.topology.dim - 1
-    domain.topology.create_connectivity(facet_dim, facet_dim + 1)
-    conditions = []
-    for value, name in enumerate(surfaces):
-        dim, tag = mesh.tag(name)
-        facets = np.zeros(0, dtype=np.int32)
-        if dim == facet_dim and mesh.facet_tags is not None:
-            facets = mesh.facet_tags.find(tag)
-        if domain.comm.allreduce(len(facets)) == 0:
-            raise CaseError("no facet carries this tag", file=mesh.source, key="angles", value=name)
-        dofs = fem.locate_dofs_topological(space, facet_dim, facets)
-        conditions.append(fem.dirichletbc(float(value), dofs, space))
-    residual = ufl.inner(ufl.grad(phi), ufl.grad(test)) * ufl.dx(degree=2)
-    with Newton(phi, residual, conditions) as newton:
-        converged, _ = newton.solve()
-    if not converged:
-        raise ConvergenceError(f"fibres of {mesh.source}: no depth between {surfaces[0]} and {surfaces[1]}")
-    values = np.zeros((len(at_midpoints(mesh, phi)), 1 + 3))
-    values[:, :1] = at_midpoints(mesh, phi)
-    values[:, 1 : 1 + mesh.dim] = at_midpoints(mesh, ufl.grad(phi))
-    return values[:, 0], values[:, 1:]
-
-
 def _read_cells(path: Path, name: str, dim: int) -> tuple[Array, Array]:
     """Read middles and vectors of the cells of the highest dimension."""
     data = read_mesh_file(path)
@@ -392,6 +406,14 @@ def _read_cells(path: Path, name: str, dim: int) -> tuple[Array, Array]:
         raise CaseError(
             f"no such cell or point data; the file has {listed}", file=path, key="data", value=name
         )
+    points, found = _cells_of(data, name, dim)
+    if found.ndim != 2 or found.shape[1] not in (dim, 3):
+        raise CaseError(f"expected {dim} components", file=path, key="data", value=name)
+    return points, found
+
+
+def _cells_of(data: Any, name: str, dim: int) -> tuple[Array, Array]:
+    """Return middles and values of the cells of the highest dimension."""
     points, vectors = [], []
     for number, block in enumerate(data.cells):
         if block.dim != dim:
@@ -403,8 +425,6 @@ def _read_cells(path: Path, name: str, dim: int) -> tuple[Array, Array]:
         else:
             vectors.append(_average(np.asarray(data.point_data[name], dtype=np.float64)[block.data]))
     found = np.concatenate(vectors) if vectors else np.zeros((0, dim))
-    if found.ndim != 2 or found.shape[1] not in (dim, 3):
-        raise CaseError(f"expected {dim} components", file=path, key="data", value=name)
     return np.concatenate(points) if points else np.zeros((0, 3)), found
 
 

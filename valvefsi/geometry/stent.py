@@ -1,0 +1,217 @@
+"""The stent of a valve: a wall from the housing's annulus up to where the leaflets are attached, and the posts.
+
+Where the edge lies at radius R(phi) and height Z(phi), the wall is straight from the housing at the annulus,
+
+    r(phi, z) = R_0(phi) + (R(phi) - R_0(phi)) s,    s = (z - annulus) / (Z(phi) - annulus),    0 <= s <= 1,
+
+R_0 the housing's radius there: a cylinder where both are the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from valvefsi.errors import CaseError
+from valvefsi.geometry.aortic_section import SPACING, PointSurface
+from valvefsi.geometry.ribbons import around
+
+if TYPE_CHECKING:
+    from valvefsi.geometry.leaflets import ValveGeometry
+    from valvefsi.types import Array
+
+WIDEST_POST = 30.0
+"""Largest angle about the axis between the ends of two leaflets' edges that a post closes [deg]."""
+STEP = 1e-5
+"""Step of the differences that give the wall's slope along phi [rad]."""
+
+
+class StentEdge(Protocol):
+    """The upper edge of a stent about the z axis."""
+
+    @property
+    def radius(self) -> float:
+        """Largest distance from the axis [cm]."""
+        ...
+
+    @property
+    def lowest(self) -> float:
+        """Smallest z [cm]."""
+        ...
+
+    def at(self, phi: Array) -> tuple[Array, Array]:
+        """Return distance from the axis and z at azimuths, ``(n,)`` each [cm]."""
+        ...
+
+
+@dataclass(frozen=True)
+class FormulaEdge:
+    """The attachment of a parametric valve.
+
+    Attributes:
+        valve: The valve.
+        height: z of the lowest point of its attachment [cm].
+    """
+
+    valve: ValveGeometry
+    height: float
+
+    @property
+    def radius(self) -> float:
+        """Radius of the stent's cylinder [cm]."""
+        return self.valve.radius
+
+    @property
+    def lowest(self) -> float:
+        """Smallest z [cm]."""
+        return self.height
+
+    def at(self, phi: Array) -> tuple[Array, Array]:
+        """Return distance from the axis and z at azimuths, ``(n,)`` each [cm]."""
+        return np.full_like(phi, self.valve.radius), self.height + stent_height(self.valve, phi)
+
+
+class LineEdge:
+    """The attachment of leaflets of one's own: lines around the axis, with straight posts between their ends.
+
+    Where lines lie above one another the stent goes up to the highest.
+
+    Args:
+        lines: Points of each line, counter-clockwise about the z axis, ``(num_points, 3)`` each [cm]; one that ends
+            where it begins goes all the way around.
+
+    Raises:
+        CaseError: The lines leave an angle open that is wider than a post, a line does not go around the axis.
+    """
+
+    def __init__(self, lines: Sequence[Array]) -> None:
+        parts = sorted(zip(around(lines), lines, strict=True), key=lambda part: float(part[0][0]))
+        phi = [turn for turn, _ in parts]
+        rz = [np.stack([np.hypot(x[:, 0], x[:, 1]), x[:, 2]], axis=1) for _, x in parts]
+        self._check(phi)
+        ends = [(k, (k + 1) % len(parts)) for k in range(len(parts))]
+        if len(parts) > 1 or phi[0][-1] - phi[0][0] < 2.0 * math.pi - 1e-9:
+            for a, b in ends:
+                full = 2.0 * math.pi if b <= a else 0.0
+                phi.append(np.array([phi[a][-1], phi[b][0] + full]))
+                rz.append(np.stack([rz[a][-1], rz[b][0]]))
+        start = np.concatenate([np.stack([p[:-1], p[1:]], axis=1) for p in phi])
+        self._phi = start
+        self._rz = np.concatenate([np.stack([v[:-1], v[1:]], axis=1) for v in rz])
+
+    @property
+    def radius(self) -> float:
+        """Largest distance from the axis [cm]."""
+        return round(float(self._rz[..., 0].max()), 9)
+
+    @property
+    def lowest(self) -> float:
+        """Smallest z [cm]."""
+        return float(self._rz[..., 1].min())
+
+    @property
+    def mean_radius(self) -> float:
+        """Mean distance from the axis over the azimuth [cm]."""
+        return float(self.at(2.0 * math.pi * np.arange(720) / 720)[0].mean())
+
+    def at(self, phi: Array) -> tuple[Array, Array]:
+        """Return distance from the axis and z of the highest place at azimuths, ``(n,)`` each [cm]."""
+        low, high = self._phi.min(axis=1)[:, None], self._phi.max(axis=1)[:, None]
+        middle = 0.5 * (low + high)
+        turn = middle + (phi[None, :] - middle + math.pi) % (2.0 * math.pi) - math.pi
+        inside = (turn >= low - 1e-9) & (turn <= high + 1e-9)
+        span = self._phi[:, 1:] - self._phi[:, :1]
+        flat = np.abs(span) < 1e-9  # a post that goes straight up
+        part = np.clip((turn - self._phi[:, :1]) / np.where(flat, 1.0, span), 0.0, 1.0)
+        first, last = self._rz[:, None, 0], self._rz[:, None, 1]
+        part = np.where(flat, (last[..., 1] > first[..., 1]).astype(float), part)
+        rz = first + part[..., None] * (last - first)
+        best = np.where(inside, rz[..., 1], -np.inf).argmax(axis=0)
+        found = rz[best, np.arange(len(phi))]
+        return found[:, 0], found[:, 1]
+
+    @staticmethod
+    def _check(phi: Sequence[Array]) -> None:
+        """Refuse lines that leave the way around the axis open."""
+        for turn in phi:
+            if turn[-1] - turn[0] < math.radians(1.0):
+                raise CaseError("the curve of these facets does not go around the z axis", key="attached")
+        reached = phi[0][0]
+        for k, turn in enumerate([*phi[1:], phi[0] + 2.0 * math.pi]):
+            reached = max(reached, phi[k].max())
+            gap = math.degrees(turn[0] - reached)
+            if gap > WIDEST_POST:
+                a, b = (math.degrees(x) % 360.0 for x in (reached, turn[0]))
+                raise CaseError(
+                    f"the stent's curve is open: nothing is attached between azimuths {a:.3g} and {b:.3g} deg, "
+                    f"expected gaps of at most {WIDEST_POST:g} deg",
+                    key="attached",
+                )
+
+
+def stent_wall(edge: StentEdge, annulus: float, foot: Callable[[Array], Array], h: float) -> PointSurface:
+    """Return the stent as points at most half a spacing apart.
+
+    Args:
+        edge: Its upper edge.
+        annulus: z of its lower end [cm].
+        foot: Distance from the axis at the lower end, at azimuths [cm].
+        h: Grid spacing [cm].
+    """
+    columns = 3 * math.ceil(2.0 * math.pi * edge.radius / (3 * SPACING * h))
+    phi, step = 2.0 * math.pi * np.arange(columns) / columns, 2.0 * math.pi / columns
+    (R, Z), R_0 = edge.at(phi), foot(phi)
+    rise = np.maximum(Z - annulus, 1e-9)
+    sides = [(edge.at(phi + e), foot(phi + e)) for e in (-STEP, STEP)]
+    points, areas, normals = [], [], []
+    for k in range(columns):
+        length = math.hypot(rise[k], R[k] - R_0[k])
+        n = max(2, math.ceil(length / (SPACING * h)) + 1)
+        z = np.linspace(annulus, Z[k], n)
+        r = R_0[k] + (R[k] - R_0[k]) * np.linspace(0.0, 1.0, n)
+        across = [r0[k] + (rz[0][k] - r0[k]) * (z - annulus) / rise[k] for rz, r0 in sides]
+        along = (across[1] - across[0]) / (2 * STEP * r)
+        normal, area = _normal(phi[k], along, (R[k] - R_0[k]) / rise[k])
+        points.append(np.stack([r * math.cos(phi[k]), r * math.sin(phi[k]), z], axis=1))
+        share = np.full(n, rise[k] / (n - 1))
+        share[[0, -1]] *= 0.5
+        areas.append(step * r * share * area)
+        normals.append(normal)
+    return PointSurface(
+        points=np.concatenate(points),
+        areas=np.concatenate(areas),
+        normals=np.concatenate(normals),
+        faces=np.zeros((0, 4), np.int64),
+    )
+
+
+def _normal(phi: float, along: Array, up: float) -> tuple[Array, Array]:
+    """Return unit normals away from the axis and areas per dphi dz / r, of the slopes dr/(r dphi) and dr/dz."""
+    c, s = math.cos(phi), math.sin(phi)
+    n = np.stack([c + s * along, s - c * along, np.full_like(along, -up)], axis=1)
+    size = np.linalg.norm(n, axis=1)
+    return n / size[:, None], size
+
+
+def stent_height(valve: ValveGeometry, phi: Array) -> Array:
+    """Return the height of the stent above the lowest point of the attachment at angles phi, ``(n,)`` [cm]."""
+    angle = (phi + math.pi / 3.0) % (2.0 * math.pi / 3.0) - math.pi / 3.0  # from the middle of the leaflet
+    u = angle / valve.half_angle
+    attached = valve.attachment(np.clip(u, -1.0, 1.0))[:, 2]
+    return np.where(np.abs(u) >= 1.0 - 1e-9, valve.height, attached)
+
+
+def edge_line(edge: StentEdge, num_points: int) -> Array:
+    """Return points of the line where the leaflets meet the stent, ``(num_points, 3)`` [cm].
+
+    Args:
+        edge: The upper edge of the stent.
+        num_points: Number of points around the axis.
+    """
+    phi = 2.0 * math.pi * np.arange(num_points) / num_points
+    r, z = edge.at(phi)
+    return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
