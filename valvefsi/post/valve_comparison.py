@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,7 @@ class Pair:
             both = (f"{beat.name} has {', '.join(beat.values) or 'nothing'}" for beat in (a, b))
             raise CaseError(f"there is nothing to compare: {'; '.join(both)}")
 
-    @property
+    @cached_property
     def t(self) -> Array:
         """Even times over the cycle of B, both ends included, at the finer sampling of the two, ``(n,)`` [s]."""
         return (self.a if self.a.spacing < self.b.spacing else self.b).grid * self._to_b
@@ -85,7 +86,7 @@ class Pair:
         """Factor of the times of the finer grid."""
         return self.b.period / self.a.period if self.a.spacing < self.b.spacing else 1.0
 
-    @property
+    @cached_property
     def quantities(self) -> tuple[str, ...]:
         """Names of what both have; the flow without offsets is one of them where a measured one has an offset."""
         both = tuple(q for q in QUANTITIES if q in self.a.values and q in self.b.values)
@@ -94,7 +95,7 @@ class Pair:
             return (*both[:place], FLOW_LESS_OFFSET, *both[place:])
         return both
 
-    @property
+    @cached_property
     def offsets(self) -> tuple[float | None, float | None]:
         """Diastolic offsets of the measured ones, A's and B's [cm^3/s]."""
         a, b = (beat.diastolic_offset() if beat.measured else None for beat in (self.a, self.b))
