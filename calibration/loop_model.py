@@ -1,15 +1,20 @@
-"""A flow loop without space: upstream circuit, a valve that lets flow through one way, downstream circuit.
+"""A flow loop without space: upstream circuit, a valve, downstream circuit.
 
-Makes the records of `porcine_loop.py` and `bovine_loop.py`. The circuits are the ones a three-dimensional run is
-coupled to, stepped the same way: the flow of the valve goes into both, their pressures come back. In mmHg, ml and s.
+Makes the records of `porcine_loop.py`, `bovine_loop.py` and `valve_beat.py`. The circuits are the ones a
+three-dimensional run is coupled to, stepped the same way: the flow of the valve goes into both, their pressures come
+back. In mmHg, ml and s.
 
-    L dq/dt = P_LV - P_Ao - B q |q|,  q >= 0 (positive downstream)
+    L dq/dt = P_LV - P_Ao - B q |q|   (q positive downstream)
+
+The valve lets flow through one way, q >= 0 with a constant B, or is an orifice whose area follows flow and pressure.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -26,12 +31,59 @@ STEP, KEPT = 2.5e-4, 20
 """Time step [s], and every how many steps a sample is taken."""
 
 
+class Valve(Protocol):
+    """What stands between the circuits."""
+
+    area: float
+    """Its open area [cm^2]."""
+
+    def flow(self, q: float, push: float, resistance: float, dt: float) -> float:
+        """Return the flow a time step on, from the flow, the pressure difference and the resistance beside it."""
+
+
+@dataclass
+class OneWay:
+    """A valve that is open to forward flow, and shut to backflow at once."""
+
+    area: float = float("nan")
+
+    def flow(self, q: float, push: float, resistance: float, dt: float) -> float:
+        """Return the flow a time step on [ml/s]."""
+        return max(0.0, (INERTANCE * q / dt + push) / (INERTANCE / dt + BERNOULLI * q + resistance))
+
+
+@dataclass
+class Orifice:
+    """An orifice whose area goes to that of the open valve while it is driven forward, else to its leak.
+
+    B = rho / (2 A^2); dA/dt = (A_open - A)/tau_opening, or (A_leak - A)/tau_closing once flow falls below a part of
+    its largest value with the pressure against it.
+    """
+
+    open: float
+    leak: float
+    opening: float
+    closing: float
+    area: float = 0.02
+    largest: float = 1.0
+
+    def flow(self, q: float, push: float, resistance: float, dt: float) -> float:
+        """Return the flow a time step on [ml/s]; the area moves with it."""
+        self.largest = max(self.largest * (1.0 - dt / PERIOD), q)
+        forward = push > 0.0 or q > 0.35 * self.largest
+        target, tau = (self.open, self.opening) if forward else (self.leak, self.closing)
+        self.area += (target - self.area) * dt / tau
+        loss = 0.5 / self.area**2 / MMHG
+        return (INERTANCE * q / dt + push) / (INERTANCE / dt + loss * abs(q) + resistance)
+
+
 def run_loop(
     upstream: Circuit,
     downstream: Circuit,
     drive: Callable[[float], list[float]],
     cycles: int,
     before: int = 30,
+    valve: Valve | None = None,
 ) -> dict[str, np.ndarray]:
     """Run the loop to its periodic state and on, and return samples every 5 ms.
 
@@ -41,7 +93,9 @@ def run_loop(
         drive: The other inputs of the upstream circuit over time, in their order.
         cycles: Cycles to return.
         before: Cycles to run first.
+        valve: The valve; one that lets flow through one way unless given.
     """
+    valve = valve or OneWay()
     inlet, outlet = upstream.system(), downstream.system()
     place = inlet.inputs.index("q_lv")
     before_valve, after_valve = -inlet.D[place], outlet.D[0]  # resistances next to the valve
@@ -58,15 +112,13 @@ def run_loop(
         p_lv, p_ao = inlet.observe(a), outlet.observe(b)
         if n >= before * steps and (n - before * steps) % KEPT == 0:
             others = [u for i, u in enumerate(a.u) if i != place]
-            rows.append([(n - before * steps) * dt, p_lv, p_ao, q, *others])
+            rows.append([(n - before * steps) * dt, p_lv, p_ao, q, valve.area, *others])
         # the resistances next to the valve and its own loss are taken at the new flow
         push = (p_lv + before_valve * q) - (p_ao - after_valve * q)
-        q = max(
-            0.0, (INERTANCE * q / dt + push) / (INERTANCE / dt + BERNOULLI * q + before_valve + after_valve)
-        )
+        q = valve.flow(q, push, before_valve + after_valve, dt)
         a = inlet.advance(a, inputs((n + 1) * dt, q), dt)
         b = outlet.advance(b, [q], dt)
-    names = ["t", "p_lv", "p_ao", "q", *(name for name in inlet.inputs if name != "q_lv")]
+    names = ["t", "p_lv", "p_ao", "q", "pdva", *(name for name in inlet.inputs if name != "q_lv")]
     return dict(zip(names, np.array(rows).T, strict=True))
 
 

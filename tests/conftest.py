@@ -24,6 +24,7 @@ ONE_RANK = (
     "geometry/test_patches.py",
     "post/test_plots.py",
     "post/test_projected_area.py",
+    "post/test_valve_comparison.py",
     "post/test_valve_numbers.py",
     "post/test_valve_waveform_plots.py",
     "solid/test_material_closed_forms.py",

@@ -73,6 +73,7 @@ def closed_forms():
         "regurgitant_fraction": (closing + leakage) / forward,
         "closing_volume": closing + LEAKAGE * CLOSING,
         "leakage_volume": leakage - LEAKAGE * CLOSING,
+        "leakage_flow": LEAKAGE,
         "opening_start": OPEN + 0.004,
         "opening_end": OPEN + 0.036,
         "closing_start": OPEN + EJECTION - 0.042,

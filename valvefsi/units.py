@@ -23,5 +23,5 @@ LITRE_PER_MINUTE = 1000.0 / 60.0
 CENTIPOISE = 0.01
 """Centipoise, a millipascal second [dyn s/cm^2]."""
 
-PLAUSIBLE = {"t": 1e7, "p": 1e9, "q": 1e7, "v": 1e7}
-"""Largest size of a time, pressure, flow and volume that a record may hold [s, dyn/cm^2, cm^3/s, cm^3]."""
+PLAUSIBLE = {"t": 1e7, "p": 1e9, "q": 1e7, "v": 1e7, "a": 1e6}
+"""Largest size of a time, pressure, flow, volume and area that a record may hold [s, dyn/cm^2, cm^3/s, cm^3, cm^2]."""

@@ -100,7 +100,7 @@ def test_the_stent_is_that_of_the_meshed_valve_but_for_the_chords_of_the_edge(le
     u = np.linspace(-1.0, 1.0, 20001)
     curvature = np.gradient(np.gradient(shape.attachment(u)[:, 2], u), u)
     cut = np.abs(curvature).max() * (2.0 / demo_leaflets().elements[0]) ** 2 / 8.0
-    made, read = (build(each, folder).model.bodies[-1].points for each in (case, other))
+    made, read = (build(each, folder).model.bodies[1].points for each in (case, other))
     section = len(case.housing.section().housing(0.2, (-1.9, 5.9)).points)
     np.testing.assert_array_equal(read[:section], made[:section])
     made, read = made[section:], read[section:]
@@ -214,11 +214,14 @@ def test_a_tube_from_a_file_is_the_housing(leaflets, folder):
     path = write_stl(folder / "tube.stl", *tube(12.5, (-30.0, 70.0), around=96))
     housing = f"housing={{ file = '{path}', file_unit = '1 mm', annulus = '-1 mm', stent = 'leaflets' }}"
     case = own(leaflets, housing, steps=2)
-    (rigid,) = build_rigid(
+    rigid, filling = build_rigid(
         case, build(case, folder).model.grid, check_leaflets(case, {0: solid_mesh(case, 0, MPI.COMM_WORLD)})
     )
     bare = own(leaflets, housing.replace(", stent = 'leaflets'", ""), steps=2)
-    (alone,) = build_rigid(bare, build(bare, folder).model.grid)
+    assert (
+        np.hypot(*filling.X[:, :2].T).min() > 1.25 + 0.25 * 0.2
+    )  # cells whose lower faces are half a spacing out
+    alone, _ = build_rigid(bare, build(bare, folder).model.grid)
     r, z = np.hypot(alone.points[:, 0], alone.points[:, 1]), alone.points[:, 2]
     flat = 1.25 * np.cos(np.pi / 96)  # the middle of a facet
     assert flat + 0.9 * 0.2 / 6.0 < r.min() < r.max() < 1.25 + 0.3 * 0.2

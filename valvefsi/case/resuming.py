@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 from mpi4py import MPI
 
 from valvefsi.case.models import Case
-from valvefsi.case.writing import to_dict
+from valvefsi.case.values import values_by_path
 from valvefsi.errors import CaseError
 from valvefsi.io import checkpoint
 from valvefsi.io.folder import held
@@ -30,7 +29,6 @@ FIXED = re.compile(
     r"|solid\.\w+\.(name|degree|mesh\..*|coupling|kernel|point_gap|density|probe\..*)"
 )
 """What gives the numbers in a checkpoint, or in the files beside it, their meaning."""
-FILES = ("file", "table")
 
 
 @contextlib.contextmanager
@@ -93,12 +91,12 @@ def clear(out: Path, comm: MPI.Comm) -> None:
 
 def provenance_of(case: Case, changes: tuple[dict[str, object], ...] = ()) -> dict[str, object]:
     """Return what a checkpoint records of its case: every value by its path, files by what they hold."""
-    return {"case": _flat(to_dict(case), ""), "changes": list(changes)}
+    return {"case": values_by_path(case), "changes": list(changes)}
 
 
 def _changes(meta: Mapping[str, Any], case: Case, allow: bool) -> tuple[dict[str, object], ...]:
     recorded = meta.get("provenance", {})
-    old, new = recorded.get("case", {}), _flat(to_dict(case), "")
+    old, new = recorded.get("case", {}), values_by_path(case)
     found = {key: (old.get(key), new.get(key)) for key in {**old, **new} if old.get(key) != new.get(key)}
     held_back = [key for key in found if not FREE.fullmatch(key)]
     fixed = [key for key in held_back if FIXED.fullmatch(key)]
@@ -113,27 +111,3 @@ def _changes(meta: Mapping[str, Any], case: Case, allow: bool) -> tuple[dict[str
         raise CaseError(message, file=case.file, key=key)
     made = [{"t_s": meta["t"], "key": key, "old": a, "new": b} for key, (a, b) in found.items()]
     return (*recorded.get("changes", ()), *made)
-
-
-def _flat(value: object, path: str) -> dict[str, object]:
-    """Return values by their paths, items of lists by name where they have one."""
-    if isinstance(value, dict):
-        items = list(value.items())
-    elif isinstance(value, list):
-        named = [item.get("name") if isinstance(item, dict) else None for item in value]
-        items = [(name or str(k), item) for k, (name, item) in enumerate(zip(named, value, strict=True))]
-    else:
-        return {path: _held_by(path, value)}
-    flat: dict[str, object] = {}
-    for key, item in items:
-        flat |= _flat(item, f"{path}.{key}".lstrip("."))
-    return flat
-
-
-def _held_by(path: str, value: object) -> object:
-    """Return a value, what a file holds instead of its name."""
-    own = re.fullmatch(r"(.*\.py):(\w+)", value) if isinstance(value, str) else None
-    file = own[1] if own else value if path.rpartition(".")[2] in FILES else None
-    if not isinstance(file, str) or not Path(file).is_file():
-        return value
-    return f"contents {zlib.crc32(Path(file).read_bytes()):08x}" + (f":{own[2]}" if own else "")

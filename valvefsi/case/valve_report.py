@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -72,15 +73,14 @@ def draw_valve(case: Case, folder: Path, out: Path) -> list[Path]:
 
 def _cycles(case: Case, out: Path) -> tuple[History, ValveRecord, list[CycleNumbers]] | None:
     """The history of a run, its record and its whole cycles, or the one begun last; None where there is no record."""
-    waves, path = _waves(case), Path(out) / "history.csv"
-    if waves is None or not path.is_file():
+    path = Path(out) / "history.csv"
+    if valve_columns(case) is None or not path.is_file():
         return None
     history = {name: np.array(column) for name, column in read_history(path).items()}
-    needed = {"t_s", "pdva_cm2", *(column for column, _ in waves.values())}
-    if not needed <= set(history) or len(history["t_s"]) < 3:
+    if missing_columns(case, history) or len(history["t_s"]) < 3:
         return None
-    record = _record(case, history)
-    begun = valve_numbers(record, _test(case))
+    record = _begun(case, valve_record(case, history, pump_of(case).period or case.time.t_end))
+    begun = valve_numbers(record, valve_test(case))
     return history, record, [c for k, c in enumerate(begun) if not fault(record, k)] or begun[-1:]
 
 
@@ -115,7 +115,13 @@ def _circuit(case: Case, end: int) -> CircuitTable | None:
     return next((circuit for circuit in case.circuit if circuit.name == name), None)
 
 
-def _waves(case: Case) -> dict[str, tuple[str, float]] | None:
+def pump_of(case: Case) -> Pump:
+    """What drives the circuit upstream of the valve, an empty table without one."""
+    drive = _circuit(case, 0)
+    return drive.pump if drive is not None else Pump()
+
+
+def valve_columns(case: Case) -> dict[str, tuple[str, float]] | None:
     """Column and unit of the pressures and the flow: at the circuits, or at sections; None without either."""
     if set(ENDS) <= set(connected(case)):
         pressures = {"p_lv": (f"p_{ENDS[0]}_mmHg", MMHG), "p_ao": (f"p_{ENDS[1]}_mmHg", MMHG)}
@@ -126,25 +132,30 @@ def _waves(case: Case) -> dict[str, tuple[str, float]] | None:
     return None
 
 
-def _record(case: Case, history: History) -> ValveRecord:
-    """Pressures, flow and area; cycles start where the case says, or in the first closed phase."""
-    drive = _circuit(case, 0)
-    pump = drive.pump if drive is not None else Pump()
+def missing_columns(case: Case, history: Collection[str]) -> list[str]:
+    """Names of the columns that the history of a case with a valve between two circuits lacks."""
+    columns = (column for column, _ in (valve_columns(case) or {}).values())
+    return [name for name in ("t_s", *columns, "pdva_cm2") if name not in history]
+
+
+def valve_record(case: Case, history: History, period: float) -> ValveRecord:
+    """Pressures, flow and area of a whole run; cycles of a length [s] start with it."""
     waves: dict[str, Any] = {
-        name: history[column] * unit for name, (column, unit) in (_waves(case) or {}).items()
+        name: history[column] * unit for name, (column, unit) in (valve_columns(case) or {}).items()
     }
-    record = ValveRecord(
-        t=history["t_s"],
-        **waves,
-        pdva=history["pdva_cm2"],
-        period=pump.period or case.time.t_end,
-    )
+    return ValveRecord(t=history["t_s"], **waves, pdva=history["pdva_cm2"], period=period)
+
+
+def valve_test(case: Case) -> ValveTest:
+    """The fluid and the valve of a case."""
+    return ValveTest(rho=case.fluid.density, mu=case.fluid.viscosity, diameter=valve_of(case).diameter)
+
+
+def _begun(case: Case, record: ValveRecord) -> ValveRecord:
+    """The record with cycles that start where the case says, or in the first closed phase."""
+    pump = pump_of(case)
     start = first_closed(record) if pump.cycles_from is None else pump.cycles_from
     return record if start is None else replace(record, start=max(start, record.first))
-
-
-def _test(case: Case) -> ValveTest:
-    return ValveTest(rho=case.fluid.density, mu=case.fluid.viscosity, diameter=valve_of(case).diameter)
 
 
 def _plausible(
@@ -152,7 +163,7 @@ def _plausible(
 ) -> dict[str, object]:
     """Compare the last cycle with what is plausible; None where there is no number."""
     forward, name = cycle["forward_volume"], valve_of(case).name
-    orifice = math.pi * (0.5 * _test(case).diameter) ** 2
+    orifice = math.pi * (0.5 * valve_test(case).diameter) ** 2
     swelling = history[f"{name}_volume_change_percent"]
 
     def part(value: float | None, whole: float | None) -> float | None:

@@ -1,4 +1,4 @@
-"""The commands: run a case, print the keys of case files, run benchmarks.
+"""The commands: run a case, print the keys of case files, compare runs and records, run benchmarks.
 
 Exit codes: 0 done, 2 a case or an option cannot be used, 3 the run failed (ConvergenceError, StabilityError), 4 the
 surroundings failed (disk, folder, memory), 130 interrupted, 143 terminated, 1 a fault of the program itself.
@@ -21,6 +21,7 @@ import typer
 
 from valvefsi import __version__
 from valvefsi.cli.bench import bench
+from valvefsi.cli.compare import compare
 from valvefsi.cli.fit import fit
 from valvefsi.cli.mesh import mesh
 from valvefsi.cli.movie import movie
@@ -47,6 +48,7 @@ app.command()(run)
 app.command()(case)
 app.command()(plot)
 app.command()(movie)
+app.command()(compare)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 app.add_typer(mesh, name="mesh")

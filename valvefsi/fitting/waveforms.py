@@ -1,9 +1,9 @@
-"""Records of a flow loop: pressures and flows over time, read from columns that carry their units.
+"""Records of a flow loop: pressures, flows and a valve's area over time, read from columns that carry their units.
 
 A heading is a quantity and a unit: ``t_s``, ``p_ao_mmHg``, ``q_ao_ml_s``, ``Q_Ao [L/min]``, ``P_LV (kPa)``. The first
-letter says the kind: t(ime), p(ressure), q (flow), v(olume). Inside everything is CGS. Every complaint names file,
-row and column; a row is counted as an editor counts lines. Columns of other things are passed over, and so are those
-of a standard deviation (``p_lv_sd``, ``sd_p_lv_mmHg``).
+letter says the kind: t(ime), p(ressure), q (flow), v(olume); the one area is ``pdva_cm2``. Inside everything is CGS.
+Every complaint names file, row and column; a row is counted as an editor counts lines. Columns of other things are
+passed over, and so are those of a standard deviation (``p_lv_sd``, ``sd_p_lv_mmHg``), which `bench_beat` reads.
 """
 
 from __future__ import annotations
@@ -45,9 +45,12 @@ UNITS: dict[str, dict[str, float]] = {
         "m3_s": 1e6,
     },
     "v": {"ml": MILLILITRE, "cm3": 1.0, "l": 1e3, "m3": 1e6},
+    "a": {"cm2": 1.0, "mm2": 1e-2, "m2": 1e4},
 }
-KINDS = {"t": "time", "p": "pressure", "q": "flow", "v": "volume"}
-EXAMPLES = {"t": "t_s", "p": "{}_mmHg", "q": "{}_ml_s", "v": "{}_ml"}
+KINDS = {"t": "time", "p": "pressure", "q": "flow", "v": "volume", "a": "area"}
+EXAMPLES = {"t": "t_s", "p": "{}_mmHg", "q": "{}_ml_s", "v": "{}_ml", "a": "{}_cm2"}
+AREA = "pdva"
+"""Projected dynamic valve area, the one quantity whose first letter does not say its kind."""
 GAP = 10.0
 """An interval longer than this many times the median one is a gap."""
 FEWEST = 4
@@ -98,7 +101,7 @@ class Waveforms:
 
     def unit_scale(self, quantity: str) -> float:
         """Return the size in CGS of the unit that a quantity has in its file."""
-        return UNITS[quantity[0]][self.units[quantity]] if quantity in self.units else 1.0
+        return UNITS[kind_of(quantity)][self.units[quantity]] if quantity in self.units else 1.0
 
     def require(self, quantities: Iterable[str], what: str) -> None:
         """Say in one line what is missing.
@@ -110,7 +113,8 @@ class Waveforms:
         missing = [quantity for quantity in wanted if quantity not in self.values]
         if missing:
             named = " and ".join(
-                f"{q} ({KINDS[q[0]]}, a column such as {EXAMPLES[q[0]].format(q)})" for q in missing
+                f"{q} ({KINDS[kind_of(q)]}, a column such as {EXAMPLES[kind_of(q)].format(q)})"
+                for q in missing
             )
             there = ", ".join(self.heading(q) for q in self.values) or "none"
             raise CaseError(
@@ -148,16 +152,21 @@ class Waveforms:
         )
 
 
+def kind_of(quantity: str) -> str:
+    """Return the kind of a quantity, a key of ``KINDS``."""
+    return "a" if quantity == AREA else quantity[:1]
+
+
 def parse_heading(heading: str) -> tuple[str, str] | None:
-    """Return quantity and unit of a heading; None where it is neither a time, pressure, flow nor volume with a unit."""
+    """Return quantity and unit of a heading; None where it is no time, pressure, flow, volume or area with a unit."""
     flat = re.sub("[^a-z0-9]+", "_", heading.strip().lower()).strip("_")
     flat = re.sub("^time(?=_|$)", "t", flat)
-    kind = flat[:1]
-    if is_statistic(heading) or not re.match("(t|p_[a-z0-9]+|q_[a-z0-9]+|v_[a-z0-9]+)(_|$)", flat):
+    kind = kind_of(flat.partition("_")[0])
+    if is_statistic(heading) or not re.match(f"(t|[pqv]_[a-z0-9]+|{AREA})(_|$)", flat):
         return None
     for short in sorted(FLAT[kind], key=len, reverse=True):
         name = flat.removesuffix(f"_{short}")
-        if name != flat and (name == "t" if kind == "t" else len(name) > 2 and name[1] == "_"):
+        if name != flat and (name in ("t", AREA) if kind in "ta" else len(name) > 2 and name[1] == "_"):
             return name, FLAT[kind][short]
     return None
 
@@ -204,10 +213,10 @@ def read_waveforms(
 
 def write_waveforms(waves: Waveforms, path: Path, header: Iterable[str] = ()) -> Path:
     """Write a record that `read_waveforms` reads, in the units of the file it came from (CGS where it has none)."""
-    fallback = {"p": "mmHg", "q": "ml_s", "v": "ml"}
-    units = {q: waves.units.get(q, fallback[q[0]]) for q in waves.values}
+    fallback = {"p": "mmHg", "q": "ml_s", "v": "ml", "a": "cm2"}
+    units = {q: waves.units.get(q, fallback[kind_of(q)]) for q in waves.values}
     names = ["t_s", *(f"{q}_{units[q]}" for q in waves.values)]
-    table = [waves.t, *(array / UNITS[q[0]][units[q]] for q, array in waves.values.items())]
+    table = [waves.t, *(array / UNITS[kind_of(q)][units[q]] for q, array in waves.values.items())]
     lines = [*(f"# {line}" for line in header), ",".join(names)]
     lines += [",".join(f"{value:.10g}" for value in row) for row in zip(*table, strict=True)]
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -217,12 +226,12 @@ def write_waveforms(waves: Waveforms, path: Path, header: Iterable[str] = ()) ->
 
 def _numbers(table: Table, name: str, heading: str, unit: str) -> Array:
     """Return a column in CGS; refuse what no flow loop has."""
-    scale = UNITS[name[0]][unit]
+    scale = UNITS[kind_of(name)][unit]
     values = table.numbers(heading) * scale
-    beyond = np.flatnonzero(np.abs(values) > PLAUSIBLE[name[0]])
+    beyond = np.flatnonzero(np.abs(values) > PLAUSIBLE[kind_of(name)])
     if len(beyond):
-        most = f"{PLAUSIBLE[name[0]] / scale:.3g} {unit}"
-        message = f"no flow loop has this {KINDS[name[0]]}, at most {most} is plausible"
+        most = f"{PLAUSIBLE[kind_of(name)] / scale:.3g} {unit}"
+        message = f"no flow loop has this {KINDS[kind_of(name)]}, at most {most} is plausible"
         raise table.fault(message, heading, table.lines[beyond[0]], float(values[beyond[0]] / scale))
     return values
 
@@ -249,7 +258,7 @@ def _assign(table: Table, columns: dict[str, str]) -> dict[str, tuple[str, str]]
 
 def _pointed(table: Table, name: str, text: str) -> tuple[str, str]:
     """Return heading and unit of a quantity that the user pointed out."""
-    if not re.fullmatch("t|[pqv]_[a-z0-9]+", name):
+    if not re.fullmatch(f"t|[pqv]_[a-z0-9]+|{AREA}", name):
         raise CaseError("expected a quantity such as t, p_ao or q_lv", key="columns", value=name)
     heading, unit = text, ""
     if text not in table.header and ":" in text:
@@ -260,14 +269,14 @@ def _pointed(table: Table, name: str, text: str) -> tuple[str, str]:
         raise CaseError(f"no such column{hint}", file=table.path, key=f"column {heading}")
     if not unit:
         parsed = parse_heading(heading)
-        if parsed is None or parsed[0][0] != name[0]:
-            message = f"its heading has no unit of {KINDS[name[0]]}: give {name}={heading}:UNIT"
+        if parsed is None or kind_of(parsed[0]) != kind_of(name):
+            message = f"its heading has no unit of {KINDS[kind_of(name)]}: give {name}={heading}:UNIT"
             raise CaseError(message, file=table.path, key=f"column {heading}")
         return heading, parsed[1]
     flat = re.sub("[^a-z0-9]+", "_", unit.lower())
-    if flat not in FLAT[name[0]]:
-        raise CaseError(_unknown(unit, name[0]), file=table.path, key=f"column {heading}")
-    return heading, FLAT[name[0]][flat]
+    if flat not in FLAT[kind_of(name)]:
+        raise CaseError(_unknown(unit, kind_of(name)), file=table.path, key=f"column {heading}")
+    return heading, FLAT[kind_of(name)][flat]
 
 
 def _complain_about_unit(table: Table, heading: str) -> None:

@@ -446,6 +446,5 @@ def _array(path: Path, header: dict[str, Any], name: str) -> NDArray[Any]:
     shape = tuple(entry["shape"])
     if math.prod(shape) == 0:
         return np.zeros(shape, dtype=entry["dtype"])
-    return np.memmap(
-        path, dtype=entry["dtype"], mode="r", offset=header["data"] + entry["offset"], shape=shape
-    )
+    start = header["data"] + entry["offset"]
+    return np.memmap(path, dtype=entry["dtype"], mode="r", offset=start, shape=shape)

@@ -46,7 +46,7 @@ CLOSING_WINDOW = 0.1
 LONG = 5.0
 """How long before its rise flow may be above zero, by the time that it takes from one floor to two."""
 
-VOLUMES = ("closing_volume", "leakage_volume", "regurgitant_volume", "regurgitant_fraction")
+VOLUMES = ("closing_volume", "leakage_volume", "leakage_flow", "regurgitant_volume", "regurgitant_fraction")
 PRESSURES = (
     "pressure_start",
     "pressure_end",
@@ -86,6 +86,7 @@ class CycleNumbers:
         effective_orifice_area: EOA from rms_flow and mean_pressure_difference [cm^2].
         closing_volume: Backward volume while the valve closes [cm^3].
         leakage_volume: Backward volume in the rest of the cycle [cm^3].
+        leakage_flow: Mean backward flow in that rest, while the valve is shut [cm^3/s].
         regurgitant_volume: Closing and leakage volume [cm^3].
         regurgitant_fraction: Regurgitant over forward volume.
         opening_start: When the valve starts to open [s].
@@ -121,6 +122,7 @@ class CycleNumbers:
     effective_orifice_area: float | None = None
     closing_volume: float | None = None
     leakage_volume: float | None = None
+    leakage_flow: float | None = None
     regurgitant_volume: float | None = None
     regurgitant_fraction: float | None = None
     opening_start: float | None = None
@@ -323,10 +325,11 @@ def _backward(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reaso
     end = _closed(x, test, found)
     if end is None:
         reason = "the valve is not closed when the cycle ends; start the cycle in the closed phase"
-        reasons |= dict.fromkeys(("closing_volume", "leakage_volume"), reason)
+        reasons |= dict.fromkeys(("closing_volume", "leakage_volume", "leakage_flow"), reason)
         return
     found["closing_volume"] = -integral(*part_of(x["t"], x["q"], found["forward_end"], end))
     found["leakage_volume"] = found["regurgitant_volume"] - found["closing_volume"]
+    found["leakage_flow"] = float(found["leakage_volume"] / (x["t"][-1] - (end - found["forward_start"])))
 
 
 def _closed(x: dict[str, Array], test: ValveTest, found: dict[str, Any]) -> float | None:
