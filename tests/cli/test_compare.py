@@ -90,7 +90,7 @@ def test_two_records_are_compared_beside_the_work(tmp_path, monkeypatch):
         ),
         (["{own}", "{own}", "--period", "0"], "period = '0': expected a positive time"),
         (["{own}", "{own}", "--period", "2 s"], "{own}: no whole cycle of 2 s (as given)"),
-        (["{own}", "{tmp}/short.csv"], "the periods differ by"),
+        (["{own}", "{tmp}/short.csv"], "period: the periods differ by"),
         (["{own}", "{tmp}/other.csv"], "{tmp}/other.csv: missing columns: expected any of p_lv_mmHg"),
     ],
 )
@@ -109,5 +109,5 @@ def test_what_cannot_be_compared_ends_with_one_line_and_nothing_written(tmp_path
 def test_what_cannot_be_compared_ends_with_2_and_no_traceback(tmp_path):
     answer = python(MAIN, "compare", tmp_path, OWN, "--out", tmp_path / "out")
     assert answer.returncode == 2
-    assert answer.stderr == f"{tmp_path}: there is no run of a valve here, case.toml is missing\n"
+    assert answer.stderr == f"error: {tmp_path}: there is no run of a valve here, case.toml is missing\n"
     assert not (tmp_path / "out").exists()

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
     from valvefsi.types import Array, Gmsh, Indices, Mask
 
+    Names = NDArray[np.str_]
+
 VOLUMES = {"tetra": 4, "hexahedron": 5}
 """Cells of volume meshes by meshio's name, and gmsh's number of their type."""
 FACES = {
@@ -84,7 +86,7 @@ class Groups:
         vectors: Vectors of the cells by name, ``(num_cells, 3)``, those of the facets left out.
     """
 
-    names: dict[str, NDArray[np.str_]]
+    names: dict[str, Names]
     vectors: dict[str, dict[str, Array]]
 
 
@@ -114,7 +116,7 @@ def _groups(mesh: Any) -> Groups:
         numbers, dim = np.concatenate([part for part, _ in mine]), mine[0][1]
         what = "cells" if dim == 3 else "facets"
         table = {int(n): named.get((int(n), dim), f"{what}_{n}" if n > 0 else "") for n in np.unique(numbers)}
-        names[kind] = np.array([table[int(n)] for n in numbers], dtype=np.str_)
+        names[kind] = np.array([table[int(n)] for n in numbers], dtype=str)
     vectors: dict[str, dict[str, Array]] = {}
     for name, blocks in mesh.cell_data.items():
         for kind in kinds & set(VOLUMES):
@@ -198,7 +200,7 @@ def _take(
     return sum(map(len, facets.values()))
 
 
-def _by_name(cells: Indices, names: NDArray[np.str_] | None) -> dict[str, Mask]:
+def _by_name(cells: Indices, names: Names | None) -> dict[str, Mask]:
     """Return which cells are in each group, in the order of the groups' first cells."""
     if names is None:
         return {"": np.ones(len(cells), dtype=bool)}

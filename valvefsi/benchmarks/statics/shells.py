@@ -30,9 +30,10 @@ from valvefsi.benchmarks.references import read
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, StaticParts, body_of
 from valvefsi.geometry.shapes import box
+from valvefsi.solid import loads as solid_loads
 from valvefsi.solid import statics
 from valvefsi.solid.elements.shell_elasticity import ShellElasticity
-from valvefsi.solid.loads import DeadLoad, PointLoad, Tether
+from valvefsi.solid.loads import DeadLoad, PointLoad
 from valvefsi.solid.materials import SaintVenantKirchhoff
 from valvefsi.solid.shell_stress import ShellStress
 from valvefsi.solid.statics import Fixed, SolidShell
@@ -84,7 +85,7 @@ class Setting:
     fixed: Sequence[Fixed]
     loads: Sequence[DeadLoad | PointLoad]
     points: Array
-    tethers: Sequence[Tether] = ()
+    tethers: Sequence[solid_loads.Tether] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,7 +254,7 @@ class Hemisphere(ThinShell):
             ],
             points=self.radius * np.eye(3)[:2] + 1e-7,
             tethers=[
-                Tether(components=("z",), stiffness=1e-3)
+                solid_loads.Tether(components=("z",), stiffness=1e-3)
             ],  # so weak that it only keeps the shell from floating
         )
 
