@@ -236,6 +236,27 @@ class Coupling(Protocol):
         ...
 
 
+class Keeping(Protocol):
+    """How points that stay where they are and the grid see each other."""
+
+    @property
+    def grid(self) -> Grid:
+        """The grid."""
+        ...
+
+    def own(self, points: Array) -> Indices:
+        """Return the numbers of the points ``(n, 3)`` [cm], the same on all ranks, that this rank keeps."""
+        ...
+
+    def stay(self, X: Array) -> Transfer:
+        """Prepare the transfer for this rank's points at X ``(n, 3)`` [cm].
+
+        Raises:
+            StabilityError: A point lies too near to a side, on the rank of the point.
+        """
+        ...
+
+
 class HalfStep(Protocol):
     """A body halfway through a step."""
 

@@ -30,7 +30,7 @@ def beat(name="A", samples=2000, phase=0.0, period=PERIOD, change=None, **about)
 def sines(samples=1000, **late):
     """Sines of one amplitude each, some time late [s], with a period of 1 s."""
     t = np.linspace(0.0, 1.0, samples, endpoint=False)
-    sizes = {"p_lv": 1.0, "p_ao": 10.0}
+    sizes = {"p_lv": 1.0, "p_ao": 10.0, "pdva": 3.0}
     values = {name: sizes[name] * np.sin(2 * np.pi * (t - s)) for name, s in late.items()}
     return Beat(name="sines", t=t, period=1.0, values=values)
 
@@ -75,6 +75,13 @@ def test_the_shift_is_common_and_weighs_relative_norms():
     """The minimum of sin^2(pi (s - s_1)) + sin^2(pi (s - s_2)), whatever the sizes of the waveforms."""
     pair = Pair(a=sines(p_lv=-0.006, p_ao=0.001), b=sines(p_lv=0.0, p_ao=0.0))
     assert pair.common_shift(0.007) == pytest.approx(0.0025, abs=1e-5)
+
+
+def test_an_area_of_another_valve_does_not_decide_the_shift():
+    pair = Pair(a=sines(p_lv=-0.003, pdva=0.006), b=sines(p_lv=0.0, pdva=0.0))
+    assert pair.common_shift(0.007) == pytest.approx(0.003, abs=1e-7)
+    alone = Pair(a=sines(pdva=0.006), b=sines(pdva=0.0))
+    assert alone.common_shift(0.007) == pytest.approx(-0.006, abs=1e-7)
 
 
 def test_a_run_that_begins_at_another_phase_is_put_in_its_place():

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.spatial import cKDTree
 
 from valvefsi.bodies.rigid import RigidSurface
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from valvefsi.coupling.transfer import Coupling
     from valvefsi.geometry.aortic_section import PointSurface
     from valvefsi.grid import MacGrid
-    from valvefsi.types import Array, Faces, Indices
+    from valvefsi.types import Array, Faces, Indices, Mask, Transfer
 
 MARGIN = 0.5
 """How far behind the wall a face lies at least, in spacings: before it the wall alone decides where the fluid stops."""
@@ -41,8 +42,7 @@ class Filling(RigidSurface):
         self, wall: PointSurface, coupling: Coupling, *, name: str, stiffness: float, damping: float
     ) -> None:
         cells = _Cells(wall, coupling)
-        given = {"name": name, "stiffness": stiffness, "damping": damping}
-        super().__init__(cells.points, cells.volumes, cells, **given)  # type: ignore[arg-type]
+        super().__init__(cells.points, cells.volumes, cells, name=name, stiffness=stiffness, damping=damping)
 
 
 class _Cells:
@@ -50,16 +50,13 @@ class _Cells:
 
     def __init__(self, wall: PointSurface, coupling: Coupling) -> None:
         grid = coupling.grid
-        self.grid, self.coupling, tree = grid, coupling, cKDTree(wall.points)
+        self.grid, self.coupling = grid, coupling
         centres = [grid.centres(axis) for axis in range(3)]
         points = np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1).reshape(-1, 3)
         widths = np.stack(np.meshgrid(*grid.cell_widths, indexing="ij"), axis=-1).reshape(-1, 3)
         behind = np.empty(points.shape, dtype=bool)
         for d in range(3):
-            faces = points - 0.5 * widths * (np.arange(3) == d)
-            nearest = tree.query(faces, workers=-1)[1]
-            depth = ((faces - wall.points[nearest]) * wall.normals[nearest]).sum(axis=1)
-            behind[:, d] = depth > MARGIN * float(grid.spacing[0])
+            behind[:, d] = _behind(wall, points - 0.5 * widths * (np.arange(3) == d), float(grid.spacing[0]))
         some = behind.any(axis=1)
         self.points, self.volumes, self.behind = points[some], np.prod(widths[some], axis=1), behind[some]
 
@@ -67,7 +64,7 @@ class _Cells:
         """Return the numbers of the cells of this rank."""
         return self.coupling.own(points)
 
-    def stay(self, X: Array) -> _FaceTransfer:
+    def stay(self, X: Array) -> Transfer:
         """Return spreading and interpolation for this rank's cells."""
         return _FaceTransfer(self.grid, X, self.behind[self.own(self.points)])
 
@@ -103,3 +100,28 @@ class _FaceTransfer:
     def smooth(self, F: Array) -> Array:
         """Return the force density that the cells feel of their own forces, ``(n, 3)`` [dyn/cm^3]."""
         return self.interpolate(self.spread(F))
+
+
+def _behind(wall: PointSurface, X: Array, h: float) -> Mask:
+    """Return which points lie behind a wall around the z axis by at least `MARGIN` of h, ``(n,)``."""
+    r, nearest, farthest = np.hypot(X[:, 0], X[:, 1]), *_radii(wall, X[:, 2], h)
+    behind = r > farthest + 2.0 * h
+    near = np.flatnonzero(~behind & (r > nearest - h))  # of points near the axis no wall point is the nearest
+    at = cKDTree(wall.points).query(X[near])[1]
+    depth = ((X[near] - wall.points[at]) * wall.normals[at]).sum(axis=1)
+    behind[near] = depth > MARGIN * h
+    return behind
+
+
+def _radii(wall: PointSurface, z: Array, h: float) -> tuple[Array, Array]:
+    """Return the least and the largest distance of the wall from the axis within 2 h of z, each ``(n,)`` [cm]."""
+    first = float(wall.points[:, 2].min())
+    place = np.floor((wall.points[:, 2] - first) / h).astype(int)
+    r, count = np.hypot(wall.points[:, 0], wall.points[:, 1]), int(place.max()) + 1
+    least, largest = np.full(count, np.inf), np.zeros(count)
+    np.minimum.at(least, place, r)
+    np.maximum.at(largest, place, r)
+    slab = np.clip(np.floor((z - first) / h).astype(int), 0, count - 1)
+    return minimum_filter1d(least, 3, mode="nearest")[slab], maximum_filter1d(largest, 3, mode="nearest")[
+        slab
+    ]

@@ -25,8 +25,7 @@ from valvefsi.runtime.clock import Timed
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from valvefsi.coupling.transfer import Coupling
-    from valvefsi.types import Array, Faces, Indices, Table, Transfer
+    from valvefsi.types import Array, Faces, Indices, Keeping, Table, Transfer
 
 QUADRILATERAL = 9
 """VTK's number of the cell type."""
@@ -84,7 +83,7 @@ class RigidSurface(BodyBase):
         self,
         points: Array,
         areas: Array,
-        coupling: Coupling,
+        coupling: Keeping,
         *,
         name: str,
         stiffness: float,

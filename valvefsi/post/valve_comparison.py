@@ -24,7 +24,7 @@ from valvefsi.verification.norms import normalised_difference, time_norm
 
 PERIODS_APART = 0.01
 """Part by which the two periods may differ."""
-FLOW, FLOW_LESS_OFFSET = "q_ao", "q_ao_without_offset"
+FLOW, FLOW_LESS_OFFSET, AREA = "q_ao", "q_ao_without_offset", "pdva"
 NUMBERS = (
     "peak_flow_ml_per_s",
     "forward_volume_ml",
@@ -38,7 +38,8 @@ DEFINITIONS = {
     "l2_percent": "100 ||A - B|| / ||B|| over the cycle in L2",
     "linf_percent": "100 max |A - B| / max |B|",
     "nrmse_percent": "100 root mean square of A - B over max B - min B",
-    "shift_ms": "time by which all of A is moved later; it has the least sum of squares of the relative L2 norms",
+    "shift_ms": "time by which all of A is moved later; it has the least sum of squares of the "
+    "relative L2 norms of pressures and flow",
     "repeatability_l2_percent": "100 root mean square of the standard deviation over that of the mean beat",
     "diastolic_offset": "mean flow while the valve is shut, outside forward flow and closing backflow (the leakage "
     "flow of the valve's numbers, backward negative); taken off measured flows only",
@@ -122,7 +123,10 @@ class Pair:
         }
 
     def common_shift(self, most: float) -> float:
-        """Return the shift of A with the least sum of squares of relative L2 norms, over all as they were recorded.
+        """Return the shift of A with the least sum of squares of relative L2 norms of pressures and flow as recorded.
+
+        The open area takes the same shift, and decides it only where nothing else was compared: that of a valve of
+        another size is so far off that it would decide alone.
 
         Args:
             most: Largest size of the shift [s].
@@ -134,6 +138,7 @@ class Pair:
                 value=most,
             )
         names = [q for q in self.quantities if q != FLOW_LESS_OFFSET and np.any(self.b.values[q])]
+        names = [q for q in names if q != AREA] or names
         sizes = {q: time_norm(self.t, self.values(q)[1]) for q in names}
 
         def apart(shift: float) -> float:
