@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -74,6 +76,22 @@ def test_forces_and_velocities_are_those_of_the_faces_behind_the_wall(comm):
         unknown[grid.unknown_faces(d)] = True
         assert not reached[depth < 0.45].any()
         assert reached[(depth > 0.55) & unknown[grid.owned_faces(d)]].all()
+
+
+def test_the_memory_it_tells_of_is_what_a_step_holds_at_its_peak():
+    tracemalloc.start()
+    it = model(MPI.COMM_SELF)
+    filling, u = it.bodies[0], it.grid.zero_faces()
+    before, _ = tracemalloc.get_traced_memory()
+    tracemalloc.reset_peak()
+    half = filling.half(filling.start(u), u, 0.0, DT, DT)
+    half.whole(half.velocity(u))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    held = sum(a.nbytes for a in (filling.X, filling.points, filling.weights, filling.ids))
+    transfer = filling.transfer
+    held += sum(a.nbytes for part in (transfer.rows, transfer.places, transfer.volumes) for a in part)
+    assert filling.memory() == pytest.approx(held + most - before, rel=0.2)
 
 
 def test_it_does_not_depend_on_the_number_of_ranks():
