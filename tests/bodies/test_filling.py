@@ -94,6 +94,15 @@ def test_the_memory_it_tells_of_is_what_a_step_holds_at_its_peak():
     assert filling.memory() == pytest.approx(held + most - before, rel=0.2)
 
 
+def test_forces_are_added_to_those_of_other_bodies(comm):
+    it = model(comm)
+    transfer, grid = it.bodies[0].transfer, it.grid
+    F = np.random.default_rng(5 + comm.rank).standard_normal(it.bodies[0].X.shape)
+    others = tuple(np.full(grid.shape, 2.0 + d) for d in range(3))
+    for d, (both, alone) in enumerate(zip(transfer.spread(F, others), transfer.spread(F), strict=True)):
+        np.testing.assert_allclose(both, alone + 2.0 + d, rtol=1e-12)
+
+
 def test_it_does_not_depend_on_the_number_of_ranks():
     norms = []
     for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):

@@ -10,14 +10,20 @@ from tests.bodies.test_seepage import slab
 from tests.coupled_case import slipping
 from tests.run.test_stable_step import stays_calm
 from valvefsi import fsi
+from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.slip import DarcySlip, UnresolvedSlip
 from valvefsi.case.build import build
 from valvefsi.case.reading import parse_case
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
+from valvefsi.fluid.boundary import Boundary
+from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.geometry.shapes import rectangle
 from valvefsi.grid import MacGrid
 from valvefsi.run.planning import step_limits
 from valvefsi.run.stable_step import measured_limit
+from valvefsi.solid.materials import NeoHookean
+from valvefsi.solid.structure import Structure
 
 WORLD = MPI.COMM_WORLD
 H = 1.0 / 16
@@ -104,6 +110,25 @@ def test_the_limits_of_plan_and_measurement_hold():
     assert limit < 0.9 * measured_limit(slipping(model, None), limit, 0)
     assert stays_calm(model, 0.95 * limit)
     assert not stays_calm(model, 1.2 * limit)
+
+
+@pytest.mark.parametrize("thickness", [H / 4, H / 2])
+def test_the_limit_of_the_plan_knows_how_little_of_a_kernel_a_thin_body_fills(thickness):
+    """Slip is smaller by the part that the body fills, the step larger: within a factor of three, on the safe side."""
+    mesh = rectangle(WORLD, lower=(0.5, 0.0), size=(thickness, 1.0), elements=(1, 32))
+    solid = Structure(mesh, NeoHookean(c1=6.0), name="sheet", nu_stab=0.0)
+    grid = MacGrid([0, 0], [1, 1], [16, 16], [True, True])
+    body = Elastic(
+        solid,
+        Coupling(grid, "bspline3"),
+        slip=UnresolvedSlip(permeability=0.1, weights=solid.weights[:, None]),
+    )
+    fluid = NavierStokes(grid, Boundary(grid), rho=1.0, mu=0.05)
+    model = fsi.Model(grid=grid, fluid=fluid, bodies=(body,))
+    planned = limit = step_limits(model)["Darcy slip, sheet"]
+    for _ in range(12):
+        limit = measured_limit(model, limit, 0)
+    assert limit / 3.0 < planned < limit
 
 
 def case_of(**given):

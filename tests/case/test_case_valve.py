@@ -170,6 +170,7 @@ def test_the_housing_has_its_stent_and_is_held_as_firmly_as_asked(shared_tmp):
     np.testing.assert_allclose(case.dt * rigid.slip, 0.5 * ends[:, None, None] * np.diag([0.0, 0.0, 1.0]))
     # Outside the fluid is held: every face half a spacing behind the wall, and none before it.
     assert filling.stiffness == pytest.approx(0.1 * case.fluid.density / case.dt**2)
+    assert filling.damping == pytest.approx(0.1 * case.fluid.density / case.dt)
     for d in range(3):
         faces = filling.X - 0.1 * (np.arange(3) == d)
         behind = np.hypot(*faces[:, :2].T) - section.radius(np.arctan2(faces[:, 1], faces[:, 0]), faces[:, 2])
@@ -179,6 +180,8 @@ def test_the_housing_has_its_stent_and_is_held_as_firmly_as_asked(shared_tmp):
         assert not held[behind < 0.09].any()
     bare = case.model_copy(update={"housing": case.housing.model_copy(update={"stent": None})})
     assert build_rigid(bare, grid)[0].num_points == len(tube.points)
+    open_box = case.model_copy(update={"housing": case.housing.model_copy(update={"fill": False})})
+    assert [body.name for body in build_rigid(open_box, grid)] == [rigid.name]
 
 
 @pytest.mark.parametrize(

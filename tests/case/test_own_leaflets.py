@@ -236,6 +236,25 @@ def test_a_tube_from_a_file_is_the_housing(leaflets, folder):
     assert stent[:, 2].min() == pytest.approx(-0.1, abs=1e-3)
 
 
+def test_the_stent_stands_on_the_wall_of_a_file_where_the_annulus_is(leaflets, folder):
+    """A cone, r = 1.25 + 0.3 z up to z = 0: at z = -5 mm the stent begins at r = 1.1 and not at 1.25."""
+    points, triangles = tube(1.25, (-2.0, 6.0), around=96, along=160)
+    points[:, :2] *= 1.0 + 0.3 / 1.25 * np.minimum(points[:, 2:], 0.0)
+    path = write_stl(folder / "cone.stl", points, triangles)
+    case = own(leaflets, f"housing={{ file = '{path}', annulus = '-5 mm', stent = 'leaflets' }}", steps=2)
+    grid = build(case, folder).model.grid
+    section, stent = (
+        build_rigid(each, grid, check_leaflets(case, {0: solid_mesh(case, 0, MPI.COMM_WORLD)}))[0].points
+        for each in (
+            case.model_copy(update={"housing": case.housing.model_copy(update={"stent": None})}),
+            case,
+        )
+    )
+    foot = stent[len(section) :]
+    foot = foot[foot[:, 2] < -0.45]
+    assert np.hypot(foot[:, 0], foot[:, 1]) == pytest.approx(1.1, abs=0.3 * 0.2)
+
+
 def test_a_run_in_a_housing_from_a_file(leaflets, folder):
     path = write_stl(folder / "tube.stl", *tube(1.25, (-2.0, 6.0)))
     housing = f"housing={{ file = '{path}', annulus = '-1 mm', stent = 'leaflets' }}"

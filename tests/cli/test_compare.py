@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
@@ -13,6 +14,7 @@ from tests.cli.test_cli import MAIN, RUNNER, python
 from tests.valve_waves import PERIOD, waves
 from valvefsi import cli
 from valvefsi.errors import CaseError
+from valvefsi.post.plots import valve_comparison as plots
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
 OWN = Path(__file__).parents[2] / "calibration" / "valve_beat.csv"
@@ -62,6 +64,27 @@ def test_two_runs_are_compared_with_their_cases(tmp_path):
     assert not (a / "comparison.json").exists()
     called(a, b, "--out", tmp_path / "still", "--shift-max", "0")
     assert json.loads((tmp_path / "still" / "comparison.json").read_text())["shift_ms"] == 0.0
+
+
+def test_the_picture_shows_what_was_compared(tmp_path, monkeypatch):
+    """A, 3 ms ahead, lies on B where it is shifted; the band is that of B."""
+    a = run_folder(tmp_path / "a", phase=0.003)
+    b = run_folder(tmp_path / "b")
+    drawn = []
+    monkeypatch.setattr(plots, "valve_comparison", lambda path, t, overlays, *_, **__: drawn.append(overlays))
+    called(a, b)
+    for each in drawn.pop():
+        assert np.abs(each.shifted - each.b).mean() < 0.1 * np.abs(each.a - each.b).mean()
+    called(b, OWN)
+    assert all(each.deviation is not None and each.deviation.max() > 0 for each in drawn.pop())
+    called(OWN, b, "--out", tmp_path / "out")
+    assert all(each.deviation is None for each in drawn.pop())
+
+
+def test_a_time_without_a_unit_is_in_seconds(tmp_path):
+    called(OWN, OWN, "--start", "0.25", "--shift-max", "0.004", "--out", tmp_path)
+    found = json.loads((tmp_path / "comparison.json").read_text())
+    assert (found["start_s"], found["shift_max_ms"]) == (0.25, pytest.approx(4.0))
 
 
 def test_two_records_are_compared_beside_the_work(tmp_path, monkeypatch):

@@ -99,6 +99,8 @@ def test_several_cycles_are_found_and_averaged(tmp_path):
     assert beat.at("q_ao", np.array([0.25])) == pytest.approx(waves(np.array([0.25]))["q"], rel=1e-2)
     assert beat.deviations["p_lv"].max() < 0.05 * np.ptp(beat.values["p_lv"]), "all cycles are alike"
     assert read_bench_beat(written(tmp_path, cycles=4.0), period=2 * PERIOD).cycles == 2
+    two = read_bench_beat(written(tmp_path, cycles=2.0))
+    assert (two.cycles, two.period) == (2, pytest.approx(PERIOD, rel=1e-3)), "two are several, too"
 
 
 def test_standard_deviations_may_have_units_of_their_own(tmp_path):

@@ -8,6 +8,7 @@ import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 from valvefsi.errors import CaseError
 from valvefsi.geometry.aortic_section import SPACING
@@ -56,7 +57,7 @@ def test_middle_lines_do_not_depend_on_the_number_of_ranks(comm):
         np.testing.assert_array_equal(one.at(alone.points), other.at(together.points))
 
 
-def ribbon_of(inner, outer, closed=False):
+def ribbon_of(inner, outer):
     """A flat ribbon of triangles between two curves, and one facet row on each of its sides."""
     n, m = len(inner), len(outer)
     points = np.concatenate([inner, outer, inner - [0, 0, 1], outer - [0, 0, 1]])
@@ -92,6 +93,30 @@ def test_curves_with_different_numbers_of_nodes_meet_in_the_middle(counts):
     np.testing.assert_allclose(line.at(moved) - x, np.tile([0.3, -0.1, 2.0], (len(x), 1)))
 
 
+def test_closed_curves_whose_numbers_begin_elsewhere_meet_in_the_middle():
+    """Two circles of one cone; the outer one's nodes are numbered from another azimuth on."""
+    n, turn = 24, 10
+    inner, outer = (ring(n=n, radius=r)[:-1] + [0.0, 0.0, z] for r, z in ((1.0, 0.0), (1.2, 0.5)))
+    outer = np.roll(outer, -turn, axis=0)
+    points = np.concatenate([inner, outer, inner - [0, 0, 1], outer - [0, 0, 1]])
+    k = np.arange(n)
+    after, beside = (k + 1) % n, n + (k - turn) % n
+    faces = {
+        "edge": np.stack([k, after, np.roll(beside, -1), beside], axis=1),
+        "inflow": np.stack([k, after, after + 2 * n, k + 2 * n], axis=1),
+        "outflow": np.stack(
+            [beside, np.roll(beside, -1), np.roll(beside, -1) + 2 * n, beside + 2 * n], axis=1
+        ),
+    }
+    (line,) = middle_lines(TaggedSurfaces(points=points, faces=faces), "edge")
+    assert line.closed
+    x = line.at(points)
+    np.testing.assert_allclose(x[-1], x[0])
+    assert np.hypot(x[:, 0], x[:, 1]) == pytest.approx(1.1)
+    assert x[:, 2] == pytest.approx(1.25)
+    assert np.diff(np.unwrap(np.arctan2(x[:, 1], x[:, 0]))) == pytest.approx(2 * math.pi / n)
+
+
 def test_a_ribbon_of_which_a_part_has_another_tag_is_refused():
     found = ribbon_of(arc(1.0, 9), arc(1.2, 9))
     found.faces["inflow"] = np.delete(found.faces["inflow"], 3, axis=0)
@@ -121,6 +146,23 @@ def test_the_stent_of_chords_converges_to_that_of_the_formula(comm):
     assert math.log2(errors[1] / errors[2]) > 1.7
 
 
+def test_the_stent_of_a_valve_stands_where_the_valve_does():
+    edge = FormulaEdge(pericardial(), 0.7)
+    _, z = edge.at(np.linspace(0.0, 2 * math.pi, 1201))
+    assert (z.min(), z.max()) == pytest.approx((0.7, 0.7 + pericardial().height), abs=1e-9)
+    assert edge.lowest == 0.7
+    assert edge_line(edge, 1200)[:, 2].min() == pytest.approx(0.7, abs=1e-9)
+
+
+@pytest.mark.parametrize("h", [0.11, 0.13, 0.17])
+def test_the_stent_is_the_same_under_each_of_three_leaflets(h):
+    valve = pericardial()
+    x = stent_wall(FormulaEdge(valve, 0.0), -0.2, lambda phi: np.full_like(phi, valve.radius), h).points
+    c, s = math.cos(2 * math.pi / 3), math.sin(2 * math.pi / 3)
+    turned = x @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    assert cKDTree(x).query(turned)[0].max() < 1e-9
+
+
 def ring(tilt=0.0, n=400, radius=1.1):
     phi = np.linspace(0.0, 2.0 * math.pi, n + 1)
     x = np.stack([radius * np.cos(phi), radius * np.sin(phi), 1.0 + tilt * np.cos(phi)], axis=1)
@@ -140,11 +182,35 @@ def test_a_stent_that_widens_is_a_cone_with_its_area_and_normals():
     assert surface.normals[:, 2] == pytest.approx(-0.3 / slant, rel=1e-4)
 
 
+def test_the_wall_of_a_cylinder_beside_the_axis_has_its_area_and_its_own_normals():
+    """A unit circle about (0.3, 0): its distance from the z axis changes along the way around."""
+    radius, aside = 1.0, np.array([0.3, 0.0, 0.0])
+    edge = LineEdge([ring(radius=radius, n=2000) + aside])
+
+    def foot(phi):
+        return 0.3 * np.cos(phi) + np.sqrt(1.0 - 0.09 * np.sin(phi) ** 2)
+
+    surface = stent_wall(edge, 0.0, foot, 0.05)
+    assert edge.radius == pytest.approx(1.3)
+    assert surface.areas.sum() == pytest.approx(2 * math.pi * radius * 1.0, rel=1e-3)
+    np.testing.assert_allclose(surface.normals, (surface.points - aside) * [1.0, 1.0, 0.0], atol=5e-3)
+
+
 def test_a_closed_edge_has_no_posts_and_a_tilted_one_its_heights():
     r, z = LineEdge([ring(tilt=0.2)]).at(np.array([0.0, math.pi / 2, math.pi, 7.0]))
     assert r == pytest.approx(1.1, rel=1e-4)
     assert z == pytest.approx([1.2, 1.0, 0.8, 1.0 + 0.2 * math.cos(7.0)], abs=1e-4)
     assert edge_line(LineEdge([ring()]), 12)[3] == pytest.approx([0.0, 1.1, 1.0], abs=1e-4)
+
+
+def test_where_lines_lie_above_one_another_the_stent_goes_up_to_the_highest():
+    steps = [
+        arc(1.0, 66, (2 * math.pi * k / 3 - 1.1, 2 * math.pi * k / 3 + 1.1)) + [0.0, 0.0, z]
+        for k, z in enumerate((2.0, 1.0, 3.0))
+    ]
+    middles, overlaps = (np.array([a, a + 2 * math.pi / 3, a - 2 * math.pi / 3]) for a in (0.0, math.pi / 3))
+    assert LineEdge(steps).at(middles)[1] == pytest.approx([2.0, 1.0, 3.0])
+    assert LineEdge(steps).at(overlaps)[1] == pytest.approx([2.0, 3.0, 3.0])
 
 
 def test_gaps_wider_than_a_post_leave_the_stent_open():
@@ -221,8 +287,6 @@ def test_a_wall_of_planes_has_their_areas_and_normals_away_from_the_axis(tmp_pat
 
 
 def test_no_place_of_a_wall_is_far_from_a_point(tmp_path):
-    from scipy.spatial import cKDTree
-
     h = 0.15
     points, triangles = read_wall(box_wall(tmp_path / "box.msh"), scale=0.1)
     surface = wall_points(points, triangles, h, (-1.5, 2.5))
@@ -231,3 +295,19 @@ def test_no_place_of_a_wall_is_far_from_a_point(tmp_path):
     assert cKDTree(surface.points).query(there)[0].max() < SPACING * h
     phi = np.array([0.0, math.pi / 2, math.pi])
     assert radius_at(surface, 0.0, phi) == pytest.approx([1.0, 0.8, 1.0], abs=0.01)
+
+
+def test_the_radius_of_a_wall_is_that_of_its_height_and_azimuth():
+    """A cone with an oval section, r = (1 + z/2) (1 + cos(2 phi)/10) for 0 <= z <= 1."""
+    n, m = 240, 40
+    phi, z = np.meshgrid(2 * math.pi * np.arange(n) / n, np.linspace(0.0, 1.0, m + 1))
+    r = (1.0 + 0.5 * z) * (1.0 + 0.1 * np.cos(2 * phi))
+    points = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1).reshape(-1, 3)
+    k, j = (each.ravel() for each in np.meshgrid(np.arange(n), np.arange(m)))
+    corner = j * n + k, j * n + (k + 1) % n, (j + 1) * n + (k + 1) % n, (j + 1) * n + k
+    triangles = np.concatenate([np.stack([corner[0], *pair], axis=1) for pair in (corner[1:3], corner[2:])])
+    surface = wall_points(points, triangles, 0.1, (0.0, 1.0))
+    at = np.linspace(0.0, 2 * math.pi, 13)
+    for height in (0.1, 0.8):
+        expected = (1.0 + 0.5 * height) * (1.0 + 0.1 * np.cos(2 * at))
+        assert radius_at(surface, height, at) == pytest.approx(expected, abs=0.03)

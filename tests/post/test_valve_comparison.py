@@ -50,6 +50,14 @@ def test_norms_of_a_late_sine_are_the_closed_form_ones():
     assert pair.norms("p_ao") == dict.fromkeys(found, 0.0)
 
 
+def test_one_sample_that_is_off_counts_fully_in_linf_and_little_in_l2():
+    a, b = (sines(p_lv=0.0) for _ in range(2))
+    a.values["p_lv"][250] += 0.5
+    found = Pair(a=a, b=b).norms("p_lv")
+    assert found["linf_percent"] == pytest.approx(50.0, rel=1e-9)
+    assert found["l2_percent"] == pytest.approx(100 * math.sqrt(0.5**2 * 1e-3 / 0.5), rel=1e-6)
+
+
 @pytest.mark.parametrize("ahead", [SEVEN, -SEVEN])
 def test_a_waveform_shifted_by_3_ms_is_found_to_be_and_nothing_is_left(ahead):
     pair = Pair(a=beat(phase=ahead), b=beat("B"))
@@ -95,6 +103,11 @@ def test_a_run_that_begins_at_another_phase_is_put_in_its_place():
 
 def test_periods_a_little_apart_are_stretched_and_others_refused():
     b = beat("B")
+    for pair in (
+        Pair(a=beat(period=0.995 * PERIOD), b=b),
+        Pair(a=beat(samples=4000, period=1.005 * PERIOD), b=b),
+    ):
+        assert pair.t[[0, -1]] == pytest.approx([0.0, PERIOD], rel=1e-12), "the clock is that of B"
     assert max(l2_of(Pair(a=beat(period=0.995 * PERIOD), b=b)).values()) < 1e-9
     with pytest.raises(CaseError, match="the periods differ by 2 %, more than 1 %"):
         Pair(a=beat(period=1.02 * PERIOD), b=b)
@@ -213,6 +226,10 @@ def test_the_mean_beat_of_a_record_and_its_spread():
     _, found, count = mean_beat(t[:1000], {"q_ao": t[:1000]}, PERIOD)
     assert (count, found["deviations"]) == (2, {}), "a spread of two is none"
     assert mean_beat(t[:400], {"q_ao": t[:400]}, PERIOD)[2] == 0
+    phases, found, count = mean_beat(t[:700] + 7.0, {"q_ao": t[:700]}, PERIOD)
+    assert count == 1
+    assert phases == pytest.approx(t[:500], abs=1e-12), "what is more than a cycle is left out"
+    assert found["values"]["q_ao"] == pytest.approx(t[:500])
 
 
 def test_the_comparison_is_drawn(tmp_path):

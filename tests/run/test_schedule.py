@@ -22,7 +22,7 @@ from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import MacGrid
 from valvefsi.io.history import read_history
-from valvefsi.run.schedule import AdaptiveSchedule, Schedule
+from valvefsi.run.schedule import AdaptiveSchedule, Schedule, check_end
 from valvefsi.run.stable_step import measured_limit
 
 WORLD = MPI.COMM_WORLD
@@ -224,3 +224,12 @@ def test_a_case_file_chooses_its_steps():
     assert (schedule.cfl, schedule.max_recoveries) == (0.2, 5)
     with pytest.raises(CaseError, match=r"time\.cfl = 0\.6: expected at most cfl_max"):
         load_case(demo, ["time.control=adaptive", "time.cfl=0.6"])
+
+
+@pytest.mark.parametrize(("t_end", "passed"), [(0.9, True), (0.949, True), (0.951, False), (1.2, False)])
+def test_an_end_counts_as_passed_by_more_than_half_a_step(t_end, passed):
+    if not passed:
+        check_end(1.0, 0.1, t_end)
+        return
+    with pytest.raises(CaseError, match="the checkpoint is of t = 1 s, after this end"):
+        check_end(1.0, 0.1, t_end)

@@ -24,6 +24,7 @@ from valvefsi.solid.elements.shell_kinematics import (
     ShellKinematics,
     StressFreeKinematics,
     assumed_shear,
+    assumed_thickness,
     base_vectors,
 )
 from valvefsi.solid.elements.shell_layers import thickness_axes
@@ -222,6 +223,13 @@ def test_the_slant_of_the_thickness_is_measured_and_warned_of(comm, angle):
     assert sum(f"slant by up to {angle:.0f} degrees" in note for note in notes) == (angle > 0.0)
 
 
+def test_the_slant_is_the_largest_of_all_ranks(comm):
+    mesh = strip(comm, size=(2.0, 0.2, 0.04), elements=(16, 2, 1))
+    x, _, z = mesh.mesh.geometry.x.T
+    x += math.tan(math.radians(20.0)) * z * np.clip(8.0 * (x - 1.5), 0.0, 1.0)
+    assert shell(mesh).elasticity.slant == pytest.approx(20.0, abs=1e-9)
+
+
 def test_forces_do_not_depend_on_the_number_of_ranks(comm):
     alone, together = (
         shell(strip(c, elements=(6, 4, 2), warp=0.05, radius=1.2, angle=30.0), PORCINE)
@@ -295,7 +303,7 @@ def test_the_elements_of_a_mesh_that_is_seen_in_a_mirror_have_the_same_energy(co
 MIRRORS = (np.ones(3), np.array([1.0, -1.0, 1.0]))
 
 
-def test_the_shear_is_that_of_the_trilinear_map_at_the_middles_of_the_edges():
+def test_shear_and_thickness_are_those_of_the_trilinear_map_at_the_middles_of_the_edges():
     """Base vectors and sampled shear from the corners by shape functions, of any position; the sampling is linear."""
     corners = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
     x = np.random.default_rng(8).standard_normal((8, 3))
@@ -317,6 +325,9 @@ def test_the_shear_is_that_of_the_trilinear_map_at_the_middles_of_the_edges():
     expected_23 = 0.5 * ((1 - at[0]) * (g2 @ g3) + (1 + at[0]) * (h2 @ h3))
     found = [float(part(())) for part in assumed_shear(monomials, at)]
     np.testing.assert_allclose(found, [expected_13, expected_23], rtol=1e-12)
+    edges = [(i, j, bases(i, j, 0)[2]) for i in (-1, 1) for j in (-1, 1)]
+    expected_33 = sum((1 + i * at[0]) * (1 + j * at[1]) / 4 * (g3 @ g3) for i, j, g3 in edges)
+    assert float(assumed_thickness(monomials, at)(())) == pytest.approx(expected_33, rel=1e-12)
 
 
 def test_the_kinematics_of_an_incompressible_deformation_are_those_of_its_gradient():
@@ -359,4 +370,8 @@ def test_a_compressible_material_thins_so_that_no_stress_acts_along_the_normal_o
     E, normal = (C - np.eye(3)) / 2, np.cross(frame[0], frame[1])
     S = ELASTIC.lam * np.trace(E) * np.eye(3) + 2 * ELASTIC.mu * E
     assert abs(normal @ S @ normal) < 1e-10 * abs(S).max() * (normal @ normal)
-    assert float(kinematics.J(())) == pytest.approx(math.sqrt(np.linalg.det(C)), rel=1e-12)
+    J = math.sqrt(np.linalg.det(C))
+    assert float(kinematics.J(())) == pytest.approx(J, rel=1e-12)
+    I1, I2 = np.trace(C), 0.5 * (np.trace(C) ** 2 - np.trace(C @ C))
+    assert float(kinematics.I1_bar(())) == pytest.approx(J ** (-2 / 3) * I1, rel=1e-12)
+    assert float(kinematics.I2_bar(())) == pytest.approx(J ** (-4 / 3) * I2, rel=1e-12)
