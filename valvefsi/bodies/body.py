@@ -95,6 +95,19 @@ class BodyBase(ABC):
     def half(self, q: Table, u: Faces, t: float, dt_old: float, dt: float) -> HalfStep:
         """Move half a step with the velocity that it feels now, see `valvefsi.types.Body`. Collective."""
 
+    def continued(self, other: BodyBase, q: Table, u: Faces) -> Table:
+        """Return the state that it goes on in where another discretisation of it was left; at rest by default.
+
+        Args:
+            other: The same body on another mesh or grid, whole on this rank.
+            q: Its state.
+            u: Velocity on the faces of this body's grid, ghosts filled [cm/s].
+
+        Note:
+            Collective.
+        """
+        return self.start(u)
+
     def timed(self, table: dict[str, float]) -> Self:
         """Return the body with a clock around its parts, which adds wall-clock time by phase to the table [s]."""
         return self

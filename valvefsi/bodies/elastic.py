@@ -15,6 +15,7 @@ from valvefsi.bodies import elastic_plan
 from valvefsi.bodies.body import BodyBase, Entry, SmallMotion
 from valvefsi.io.paraview import SolidSeries
 from valvefsi.runtime.clock import Timed, TimedCoupling
+from valvefsi.solid.carrying import at_points
 
 if TYPE_CHECKING:
     from valvefsi.bodies.slip import Slip
@@ -90,6 +91,12 @@ class Elastic(BodyBase):
     def start(self, u: Faces) -> Table:
         """Return the state at t = 0, the reference positions."""
         return {"chi": self.X.copy()}
+
+    def continued(self, other: BodyBase, q: Table, u: Faces) -> Table:
+        """Return the state with the displacement of another mesh, see `BodyBase`. Collective."""
+        if other.solid is None:
+            return self.start(u)
+        return {"chi": self.X + at_points(other.solid, q["chi"] - other.X, self.X)}
 
     def half(self, q: Table, u: Faces, t: float, dt_old: float, dt: float) -> ElasticHalf:
         """Move half a step with the velocity that the nodes feel now, see `valvefsi.types.Body`. Collective."""

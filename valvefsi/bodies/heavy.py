@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.bodies.body import Entry
+from valvefsi.bodies.body import BodyBase, Entry
 from valvefsi.bodies.elastic import Elastic, ElasticHalf
 from valvefsi.errors import CaseError
 
@@ -100,6 +100,11 @@ class Heavy(Elastic):
     def start(self, u: Faces) -> Table:
         """Return the state at t = 0: markers that move with the nodes. Collective."""
         return {"chi": self.X.copy(), "Y": self.X.copy(), "V": self.coupling.at(self.X).interpolate(u)}
+
+    def continued(self, other: BodyBase, q: Table, u: Faces) -> Table:
+        """Return the state with the displacement of another mesh, markers moving with the nodes. Collective."""
+        chi = super().continued(other, q, u)["chi"]
+        return {"chi": chi, "Y": chi.copy(), "V": self.coupling.at(chi).interpolate(u)}
 
     def half(self, q: Table, u: Faces, t: float, dt_old: float, dt: float) -> HeavyHalf:
         """Move half a step with the velocity that the nodes feel now, see `valvefsi.types.Body`. Collective."""

@@ -18,6 +18,7 @@ from valvefsi.case.fibres import add_fibres
 from valvefsi.case.materials import make_material, say_provenance
 from valvefsi.case.meshes import solid_mesh
 from valvefsi.case.models import Case, Solid
+from valvefsi.case.reading import load_case
 from valvefsi.case.resuming import clear, provenance_of, run_folder
 from valvefsi.case.sides import build_fluid, build_grid
 from valvefsi.case.valve import build_rigid, check_leaflets, find_orifice
@@ -27,18 +28,20 @@ from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, raise_together
 from valvefsi.fluid.navier_stokes import NavierStokes
-from valvefsi.fsi import Model
+from valvefsi.fsi import Model, State
 from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.grid import MacGrid
 from valvefsi.io.folder import write_text
 from valvefsi.io.history import read_history
 from valvefsi.post.diagnostics import Section
 from valvefsi.post.diagnostics.control_volume import ControlVolume
+from valvefsi.run.checkpoints import load_state
 from valvefsi.run.energy import balance
 from valvefsi.run.forces import ForceOutput
 from valvefsi.run.planning import plan
 from valvefsi.run.recording import Output, Probe
-from valvefsi.run.schedule import AdaptiveSchedule, Schedule
+from valvefsi.run.regridding import regridded
+from valvefsi.run.schedule import AdaptiveSchedule, Schedule, check_end
 from valvefsi.run.simulation import Simulation
 from valvefsi.run.statistics import Line
 from valvefsi.solid.elements.element_points import ElementPoints
@@ -160,6 +163,8 @@ def run_case(
     options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
     with run_folder(case, out, comm, **options) as changes:
         simulation = build(case, out, comm, changes)
+        if case.start is not None and case.start.run and not resume:
+            simulation.initial = _state_of(Path(case.start.run), case, simulation)
         if overwrite and not resume:
             clear(out, comm)
         write_case(case, out, comm, changes)
@@ -169,12 +174,32 @@ def run_case(
         if changes:
             result["changes"] = list(changes)
         if comm.rank == 0:
+            history = read_history(out / "history.csv")
+            if case.start is not None and case.start.run:
+                result["start"] = {"run": case.start.run, "t_s": history["t_s"][0]}
             if case.output.energy:
-                history = read_history(out / "history.csv")
                 result["energy"] = balance(history, history["t_s"][0], history["t_s"][-1])
             result |= report_valve(case, out)
             write_text(out / "summary.json", json.dumps(result, indent=2) + "\n")
     return result
+
+
+def _state_of(folder: Path, case: Case, fine: Simulation) -> State:
+    """Return the newest state of the run that a case begins from, on the case's own grid and meshes. Collective."""
+    try:
+        if folder == fine.output.directory.resolve():
+            raise CaseError("a run cannot begin from itself; give another --out", key="start.run")
+        coarse = build(load_case(folder / "case.toml", trust=case.trust), folder, MPI.COMM_SELF)
+        state = load_state(coarse.model, coarse.output, coarse.memory)
+        if state is None:
+            message = "there is no whole checkpoint to begin from"
+            raise CaseError(message, key="start.run", value=str(folder))
+        check_end(state.t, state.dt, case.time.t_end, case.file)
+        return regridded(coarse.model, state, fine.model, fine.schedule.dt)
+    except CaseError as error:
+        raise CaseError(
+            error.reason, file=error.file or case.file, key=error.key, value=error.value
+        ) from None
 
 
 def build_solid(case: Case, number: int, comm: MPI.Comm, mesh: SolidMesh | None = None) -> Structure:

@@ -367,6 +367,17 @@ class Output(Table):
     force: tuple[Force, ...] = Field((), description="Forces of the fluid on bodies in the history")
 
 
+class Start(Table):
+    """What the run begins from; at rest without it."""
+
+    run: str = Field(
+        "",
+        description="Folder of another run of the same bodies in the same box, on other grids and meshes, relative "
+        "to the case file: its newest state, interpolated; empty for rest",
+        examples=["results/coarse"],
+    )
+
+
 class Case(Table):
     """A case: fluid, solids, time and output."""
 
@@ -378,7 +389,14 @@ class Case(Table):
     circuit: tuple[CircuitTable, ...] = Field((), description="Circuits of the flow loop")
     solid: tuple[Solid, ...] = Field((), description="Solids")
     housing: Housing | None = Field(None, description="Rigid aortic test section")
+    start: Start | None = Field(None, description="What the run begins from")
     _file: Path | None = PrivateAttr(None)
+    _trust: bool = PrivateAttr(False)
+
+    @property
+    def trust(self) -> bool:
+        """Whether Python files of materials may be run."""
+        return self._trust
 
     @property
     def file(self) -> Path | None:

@@ -91,7 +91,7 @@ def parse_case(
         case = Case.model_validate(tables)
     except ValidationError as error:
         raise _one_line(error, tables, file, changed) from None
-    case._file = file
+    case._file, case._trust = file, trust
     try:
         check_case(case)
     except CaseError as error:
@@ -126,6 +126,7 @@ def _find_files(raw: dict[str, object], file: Path | None, changed: Sequence[str
         if isinstance(circuit, dict):
             _find_file(raw, ("circuit", number, "pump"), file, changed)
     _find_file(raw, ("housing",), file, changed)
+    _find_run(raw, file, changed)
     solids = raw.get("solid")
     for number, solid in enumerate(solids if isinstance(solids, list) else ()):
         if not isinstance(solid, dict):
@@ -159,6 +160,20 @@ def _find_file(
         message = f"no such {kind}file{_nearest_file(path, suffix)}"
         raise CaseError(message, file=source, key=_shown(key, raw), value=table[entry])
     table[entry] = str(path.resolve())
+
+
+def _find_run(raw: dict[str, object], file: Path | None, changed: Sequence[str]) -> None:
+    """Make the folder of the run to begin from absolute; refuse one that holds no run."""
+    start = raw.get("start")
+    if not isinstance(start, dict) or not isinstance(start.get("run"), str) or not start["run"]:
+        return
+    folder = (file.parent if file else Path()) / start["run"]
+    if not (folder / "case.toml").is_file():
+        message = "this folder holds no case.toml of a run" if folder.is_dir() else "no such folder of a run"
+        raise CaseError(
+            message, file=_source("start.run", file, changed), key="start.run", value=start["run"]
+        )
+    start["run"] = str(folder.resolve())
 
 
 def _nearest_file(path: Path, suffix: str, cutoff: float = 0.0) -> str:

@@ -84,6 +84,24 @@ class NavierStokes:
         self.boundary.fill(u, t)
         return u
 
+    def project(self, u: Faces, t: float) -> Faces:
+        """Return the solenoidal velocity nearest to u, u - grad phi with lap phi = div u; u is changed in place.
+
+        Args:
+            u: Velocity on the owned faces [cm/s].
+            t: Time of the velocities on the sides [s].
+
+        Note:
+            Collective.
+        """
+        u, grid = self.fill(u, t), self.grid
+        phi = grid.zeros()
+        phi[grid.owned] = self._solve_pressure(np.ascontiguousarray(self.divergence(u)[grid.owned]))
+        grid.exchange((phi,), width=1)
+        self.boundary.fill_correction(phi)
+        self.operators.subtract_gradient(u, phi, 1.0)
+        return self.fill(u, t)
+
     def step(
         self,
         u: Faces,
