@@ -117,7 +117,7 @@ def step(model: Model, s: State, dt: float) -> State:
     # 2. one fluid step under that force, against the pressures of the circulation
     N, pressures = model.fluid.advection(s.u), model.circulation.pressures(s.circuits, s.t)
     u, p = model.fluid.step(s.u, s.p, (N, s.N, dt / s.dt), f, s.t, dt, pressures)
-    u_half = tuple(0.5 * (a + b) for a, b in zip(s.u, u, strict=True))
+    u_half = tuple(_mean(a, b) for a, b in zip(s.u, u, strict=True))
     # 3. every body the whole step with the midpoint velocity
     U_half = [body.velocity(u_half) for body in half]
     bodies = tuple(body.whole(U) for body, U in zip(half, U_half, strict=True))
@@ -140,7 +140,18 @@ def on_fluid(grid: MacGrid, half: list[HalfStep], U_half: list[Array]) -> Array:
     Returns:
         Three components of the force [dyn] and the power [erg/s], ``(num_bodies, 4)``.
     """
-    here = np.array(
-        [[*body.force.sum(axis=0), np.vdot(body.force, U)] for body, U in zip(half, U_half, strict=True)]
-    )
+    here = np.array([[*_total(b.force), np.vdot(b.force, U)] for b, U in zip(half, U_half, strict=True)])
     return grid.comm.allreduce(here) if len(here) else here.reshape(0, 4)
+
+
+def _total(F: Array) -> Array:
+    """Return the sum over the points, ``(3,)``: a product, for numpy adds rows up one by one."""
+    total: Array = np.ones(len(F)) @ F
+    return total
+
+
+def _mean(a: Array, b: Array) -> Array:
+    """Return the mean of two arrays, with one new one."""
+    mean = a + b
+    mean *= 0.5
+    return mean
