@@ -7,7 +7,7 @@ checkpoint holds.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -51,6 +51,8 @@ class State:
         given: What each body has given to the fluid, the same on all ranks, ``(num_bodies, 4)``: three components of
             impulse [dyn s], and work [erg]. Nothing depends on it.
         dt_stable: Largest stable step when it was last measured, see `valvefsi.run.stable_step` [s].
+        measured_at: Step at which that was.
+        measure_at: Step from which on it is measured again.
     """
 
     t: float
@@ -63,6 +65,8 @@ class State:
     circuits: Array
     given: Array
     dt_stable: float = math.inf
+    measured_at: int = 0
+    measure_at: int = 0
 
 
 def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | None = None) -> State:
@@ -125,8 +129,8 @@ def step(model: Model, s: State, dt: float) -> State:
     # 4. the circulation sees the new flow
     flows = {side: model.fluid.boundary.outflow(u_half, side) for side in model.circulation.sides}
     circuits = model.circulation.step(s.circuits, flows, s.t, dt)
-    at = {"t": s.t + dt, "dt": dt, "dt_stable": s.dt_stable}
-    return State(u=u, p=p, N=N, bodies=bodies, circuits=circuits, given=given, step=s.step + 1, **at)
+    new = {"u": u, "p": p, "N": N, "bodies": bodies, "circuits": circuits, "given": given}
+    return replace(s, t=s.t + dt, step=s.step + 1, dt=dt, **new)
 
 
 def on_fluid(grid: MacGrid, half: list[HalfStep], U_half: list[Array]) -> Array:

@@ -84,7 +84,7 @@ class _FaceTransfer:
             local = grid.centres(axis)[grid.start[axis] : grid.start[axis] + grid.size[axis]]
             cell[:, axis] = np.searchsorted(local, X[:, axis] - 1e-9) + grid.ghosts[axis]
         flat = np.ravel_multi_index((cell[:, 0], cell[:, 1], cell[:, 2]), grid.shape)
-        self.cells = flat.astype(np.int32)
+        self.cells = flat.astype(np.uint32)  # of no sign: the loops need not look for places from the end
         volumes = np.stack([grid.volumes(d).ravel()[flat] for d in range(3)], axis=1)
         self.volumes = np.where(behind, volumes, 0.0)
 
