@@ -15,7 +15,7 @@ def add_response(
 ) -> None:
     """Add the response to sources on one or two sides, x += sum_s w_s p_s / (a - b (l0 + l1 + l2)).
 
-    The weights w_s vary along the axis normal to the sides and p_s across it; where the divisor is zero nothing is added.
+    The weights w_s vary along the axis normal to the sides and p_s across it; a divisor of zero adds nothing.
     """
     a, b = operator
     l0, l1, l2 = eigenvalues

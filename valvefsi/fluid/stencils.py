@@ -94,7 +94,7 @@ def add_pressure(out: Array, phi: Array, p: Array, x: Array, div: Array, mu: flo
 
 @kernel
 def largest_bits(q: Indices) -> int:
-    """Largest of the numbers' bits without their sign: those of the largest magnitude, which NaN and infinity exceed."""
+    """Largest bits of the numbers without their sign: those of the largest magnitude, below NaN and infinity."""
     most = 0
     for i in range(q.shape[0]):
         for j in range(q.shape[1]):

@@ -9,7 +9,6 @@ from pathlib import Path
 from valvefsi.errors import CaseError
 from valvefsi.fsi import State
 
-
 LONGEST_WAIT = 8
 """Longest time between measurements of the stable step, in shortest ones."""
 DRIFT = 0.05
@@ -95,7 +94,7 @@ class AdaptiveSchedule:
         max_recoveries: Times a run may go back to its last good state and take shorter steps.
         share_stable: Part of the measured stable step that is taken.
         measure_every: Least steps between measurements of the stable step, which cost about eight steps of the fluid
-            and four of the solid; 0 for never. Where it hardly changes they are up to `LONGEST_WAIT` times as far apart.
+            and the solid; 0 for never. Where it hardly changes they are up to `LONGEST_WAIT` times as far apart.
 
     Raises:
         ValueError: ``cfl`` is above ``cfl_max``, or ``growth`` not above 1.
