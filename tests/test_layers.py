@@ -60,6 +60,7 @@ KERNELS = (
     "fluid/advection.py",
     "fluid/*kernels*.py",
     "coupling/kernels.py",
+    "bodies/*kernels*.py",
     "solid/elements/*kernels*.py",
 )
 FORMS = (

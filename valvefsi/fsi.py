@@ -7,7 +7,7 @@ checkpoint holds.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -51,6 +51,8 @@ class State:
         given: What each body has given to the fluid, the same on all ranks, ``(num_bodies, 4)``: three components of
             impulse [dyn s], and work [erg]. Nothing depends on it.
         dt_stable: Largest stable step when it was last measured, see `valvefsi.run.stable_step` [s].
+        measured_at: Step at which that was.
+        measure_at: Step from which on it is measured again.
     """
 
     t: float
@@ -63,6 +65,8 @@ class State:
     circuits: Array
     given: Array
     dt_stable: float = math.inf
+    measured_at: int = 0
+    measure_at: int = 0
 
 
 def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | None = None) -> State:
@@ -117,7 +121,7 @@ def step(model: Model, s: State, dt: float) -> State:
     # 2. one fluid step under that force, against the pressures of the circulation
     N, pressures = model.fluid.advection(s.u), model.circulation.pressures(s.circuits, s.t)
     u, p = model.fluid.step(s.u, s.p, (N, s.N, dt / s.dt), f, s.t, dt, pressures)
-    u_half = tuple(0.5 * (a + b) for a, b in zip(s.u, u, strict=True))
+    u_half = tuple(_mean(a, b) for a, b in zip(s.u, u, strict=True))
     # 3. every body the whole step with the midpoint velocity
     U_half = [body.velocity(u_half) for body in half]
     bodies = tuple(body.whole(U) for body, U in zip(half, U_half, strict=True))
@@ -125,8 +129,8 @@ def step(model: Model, s: State, dt: float) -> State:
     # 4. the circulation sees the new flow
     flows = {side: model.fluid.boundary.outflow(u_half, side) for side in model.circulation.sides}
     circuits = model.circulation.step(s.circuits, flows, s.t, dt)
-    at = {"t": s.t + dt, "dt": dt, "dt_stable": s.dt_stable}
-    return State(u=u, p=p, N=N, bodies=bodies, circuits=circuits, given=given, step=s.step + 1, **at)
+    new = {"u": u, "p": p, "N": N, "bodies": bodies, "circuits": circuits, "given": given}
+    return replace(s, t=s.t + dt, step=s.step + 1, dt=dt, **new)
 
 
 def on_fluid(grid: MacGrid, half: list[HalfStep], U_half: list[Array]) -> Array:
@@ -140,7 +144,18 @@ def on_fluid(grid: MacGrid, half: list[HalfStep], U_half: list[Array]) -> Array:
     Returns:
         Three components of the force [dyn] and the power [erg/s], ``(num_bodies, 4)``.
     """
-    here = np.array(
-        [[*body.force.sum(axis=0), np.vdot(body.force, U)] for body, U in zip(half, U_half, strict=True)]
-    )
+    here = np.array([[*_total(b.force), np.vdot(b.force, U)] for b, U in zip(half, U_half, strict=True)])
     return grid.comm.allreduce(here) if len(here) else here.reshape(0, 4)
+
+
+def _total(F: Array) -> Array:
+    """Return the sum over the points, ``(3,)``: a product, for numpy adds rows up one by one."""
+    total: Array = np.ones(len(F)) @ F
+    return total
+
+
+def _mean(a: Array, b: Array) -> Array:
+    """Return the mean of two arrays, with one new one."""
+    mean = a + b
+    mean *= 0.5
+    return mean

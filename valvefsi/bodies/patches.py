@@ -20,9 +20,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse
 from mpi4py import MPI
 
+from valvefsi.bodies import rigid_kernels
 from valvefsi.bodies.rigid import RigidSurface
 
 if TYPE_CHECKING:
@@ -112,31 +112,20 @@ class LocalPatches:
     """The projection P for the points of this rank."""
 
     def __init__(self, patches: Patches, ids: Indices, comm: MPI.Comm) -> None:
-        self.comm, size = comm, len(patches.total)
-        labels, turns = patches.labels[ids], patches.turns[ids]
-        here = np.flatnonzero(labels >= 0)
-        self.alone = np.flatnonzero(labels < 0)
-        # Row 3 k + i of point k is component i of its turned vector, in row 3 c + i of its patch c.
-        points = scipy.sparse.bsr_array(
-            (turns[here], here, np.arange(len(here) + 1)), shape=(3 * len(here), 3 * len(ids))
-        )
-        ones = np.broadcast_to(np.eye(3), (len(here), 3, 3))
-        into = scipy.sparse.bsr_array(
-            (ones, labels[here], np.arange(len(here) + 1)), shape=(3 * len(here), 3 * size)
-        )
-        self.back = (points.T @ into).tocsr()
-        parts = np.repeat(patches.areas[ids][here] / patches.total[labels[here]], 3)
-        self.average = (
-            into.T @ (scipy.sparse.dia_array((parts[None], [0]), shape=(len(parts),) * 2) @ points)
-        ).tocsr()
+        self.comm = comm
+        self.size = len(patches.total)
+        self.labels, self.turns = patches.labels[ids], patches.turns[ids]
+        together = self.labels >= 0
+        self.shares = np.zeros(len(ids))
+        self.shares[together] = patches.areas[ids][together] / patches.total[self.labels[together]]
 
     def mean(self, v: Array) -> Array:
         """Return P v, ``(n, 3)``; points by themselves keep theirs (collective)."""
-        means = self.average @ v.ravel()
+        means, out = np.zeros((self.size, 3)), np.empty_like(v)
+        rigid_kernels.patch_sums(means, v, self.turns, self.labels, self.shares)
         if self.comm.size > 1:
             self.comm.Allreduce(MPI.IN_PLACE, means)
-        out = (self.back @ means).reshape(-1, 3)
-        out[self.alone] = v[self.alone]
+        rigid_kernels.patch_means(out, v, means, self.turns, self.labels)
         return out
 
 

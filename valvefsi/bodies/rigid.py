@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from valvefsi.bodies import rigid_kernels
 from valvefsi.bodies.body import BodyBase, NoSeries
 from valvefsi.io.solid_body import Body, write_body
 from valvefsi.runtime.clock import Timed
@@ -51,7 +52,12 @@ class RigidHalf:
 
     def whole(self, U: Array) -> Table:
         """Return the state after the step, carried by the velocity U at its middle. Collective."""
-        return {"d": self.d + self.dt * (self.surface.held(U) - self.surface.back(self.d))}
+        v = self.surface.held(U)
+        if self.surface.slips:
+            v = v - self.surface.back(self.d)
+        d: Array = self.dt * v
+        d += self.d
+        return {"d": d}
 
 
 class RigidSurface(BodyBase):
@@ -102,6 +108,7 @@ class RigidSurface(BodyBase):
         self.X: Array = np.ascontiguousarray(points[self.ids])
         self.slip = slip if isinstance(slip, float | int) else np.asarray(slip, dtype=float)[self.ids]
         self.slipping = np.zeros(0, dtype=np.int64)
+        self.slips = bool(np.any(self.slip))
         if not isinstance(self.slip, float | int):
             self.slipping = np.flatnonzero(self.slip.any(axis=(1, 2)))
         self.transfer: Transfer = coupling.stay(self.X)
@@ -114,7 +121,7 @@ class RigidSurface(BodyBase):
     def half(self, q: Table, u: Faces, t: float, dt_old: float, dt: float) -> RigidHalf:
         """Move half a step with the velocity that the points feel now, see `valvefsi.types.Body`. Collective."""
         U = self.transfer.interpolate(u)
-        force = self.force(q["d"] + 0.5 * dt * U, U)
+        force = self.force(q["d"], U, 0.5 * dt)
         return RigidHalf(q["d"], force, self.transfer, self, dt)
 
     def stored(self, q: Table) -> float:
@@ -122,9 +129,13 @@ class RigidSurface(BodyBase):
         here = 0.5 * self.stiffness * float(self.weights @ (q["d"] ** 2).sum(axis=1))
         return self.comm.allreduce(here)
 
-    def force(self, d: Array, U: Array) -> Array:
-        """Return the force on the fluid of points carried by d and moving with U, ``(n, 3)`` [dyn]."""
-        return self.weights[:, None] * self.held(-self.stiffness * d - self.damping * U)
+    def force(self, d: Array, U: Array, ahead: float = 0.0) -> Array:
+        """Return the force on the fluid of points carried by d, moving with U for a time ahead, ``(n, 3)`` [dyn]."""
+        F = np.empty_like(d)
+        rigid_kernels.tractions(F, d, U, ahead, (self.stiffness, self.damping))
+        F = self.held(F)
+        F *= self.weights[:, None]
+        return F
 
     def back(self, d: Array) -> Array:
         """Return the velocity at which points carried by d slip back, ``(n, 3)`` [cm/s]."""

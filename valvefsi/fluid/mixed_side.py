@@ -12,6 +12,7 @@ import numpy as np
 import scipy.linalg
 from mpi4py import MPI
 
+from valvefsi.fluid import mixed_kernels
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.direct_solver import TensorSolver
 from valvefsi.grid import MacGrid
@@ -53,8 +54,8 @@ class SideModes:
         """Values at the points of modes x, ``(num,)`` (collective)."""
         modes, (t1, t2) = self.solver.modes, self.tangents
         planes = np.zeros((len(self.places), len(self.there[0]), len(self.there[1])))
-        moved = np.moveaxis(x, self.axis, 0)
-        planes[:, modes[t1], modes[t2]] = np.tensordot(self.read[:, modes[self.axis]], moved, 1)
+        read = np.tensordot(x, self.read[:, modes[self.axis]], (self.axis, 1))
+        planes[:, modes[t1], modes[t2]] = np.moveaxis(read, -1, 0)
         self.comm.Allreduce(MPI.IN_PLACE, planes)
         return np.concatenate(
             [
@@ -71,15 +72,8 @@ class SideModes:
             plane = np.zeros(mask.shape)
             plane[mask] = part
             planes.append((self.there[0] @ plane @ self.there[1].T)[modes[t1], modes[t2]])
-        lam = self.solver.eigenvalues
-        across = lam[t1][:, None] + lam[t2]
-        moved = np.moveaxis(x, self.axis, 0)
-        for k, (weights, value) in enumerate(
-            zip(self.write.T[modes[self.axis]], lam[self.axis], strict=True)
-        ):
-            moved[k] += _quotient(
-                sum(w * p for w, p in zip(weights, planes, strict=True)), a - b * (value + across)
-            )
+        weights = np.ascontiguousarray(self.write[:, modes[self.axis]])
+        mixed_kernels.add_response(x, weights, np.array(planes), self.solver.eigenvalues, self.axis, (a, b))
 
     def responses(self, a: float, b: float) -> Array:
         """Values at the points of the solutions for unit sources at each of them, ``(num, num)``."""
@@ -164,7 +158,9 @@ class PressureCorrection:
             constant[0] = found[-1] if extra else 0.0
 
         x = self.solver.solve(r, 0.0, -1.0, correct)
-        return x + constant[0] if extra else x
+        if extra:
+            x += constant[0]
+        return x
 
 
 class NormalVelocityCorrection:

@@ -34,6 +34,8 @@ class UniformOperators:
         first = sum(g * s for g, s in zip(grid.ghosts, self.strides, strict=False))
         last = first + 1 + sum((n - 1) * s for n, s in zip(grid.size, self.strides, strict=False))
         self.cells = (first, last)
+        # Entries of a plane of axis 0 from the first owned one to the last.
+        self.own = 1 + sum((n - 1) * s for n, s in zip(grid.size[1:], self.strides[1:], strict=False))
         # Faces of an open upper side lie one further on.
         self.faces = [(first, last + s * boundary.opens_upward(d)) for d, s in enumerate(self.strides)]
 
@@ -50,7 +52,7 @@ class UniformOperators:
             term[last:] = 0.0
 
             def loop(a: int, b: int, d: int = d, term: Array = term) -> None:
-                self.scheme(term, flat[d], flat, d, self.inv_h, self.strides, (a, b))
+                self.scheme(term, flat[d], flat, d, self.inv_h, self.strides, (a, b, self.own))
 
             self._divide(loop, self.cells)
         return out
@@ -147,7 +149,7 @@ class GradedOperators:
             graded_kernels.transports(flows[d], c, *area)
         flat, out, ones = tuple(c.ravel() for c in flows), grid.zero_faces(), (1.0,) * grid.dim
         for d, q in enumerate(u):
-            ops.scheme(out[d].ravel(), q.ravel(), flat, d, ones, ops.strides, ops.cells)
+            ops.scheme(out[d].ravel(), q.ravel(), flat, d, ones, ops.strides, (*ops.cells, ops.own))
             volume = [grid.gaps[a] if a == d else grid.widths[a] for a in range(3)]
             graded_kernels.divide_by_volume(out[d], *volume, self.cells)
         return out

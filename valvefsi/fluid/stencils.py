@@ -12,10 +12,13 @@ from __future__ import annotations
 
 import numba
 
-from valvefsi.types import Array, Faces
+from valvefsi.types import Array, Faces, Indices
 
 BLOCK = 4096
 """Entries that are worked on in several passes before the next ones: what is written stays in the first cache."""
+
+MAGNITUDE = (1 << 63) - 1
+"""All bits of a float64 but its sign."""
 
 Weights = tuple[float, float, float, tuple[float, ...]]
 """a, b, 1 / h_d, and mu / h_e^2 of every axis."""
@@ -87,6 +90,18 @@ def add_pressure(out: Array, phi: Array, p: Array, x: Array, div: Array, mu: flo
                 value = x[i, j, k]
                 phi[i, j, k] = value
                 out[i, j, k] = p[i, j, k] + value - half * div[i, j, k]
+
+
+@kernel
+def largest_bits(q: Indices) -> int:
+    """Largest bits of the numbers without their sign: those of the largest magnitude, below NaN and infinity."""
+    most = 0
+    for i in range(q.shape[0]):
+        for j in range(q.shape[1]):
+            for k in range(q.shape[2]):
+                bits = q[i, j, k] & MAGNITUDE
+                most = bits if bits > most else most
+    return most
 
 
 @kernel

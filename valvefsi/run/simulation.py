@@ -187,7 +187,7 @@ class Simulation:
         good, row, cuts, retries, saved = (state, rate), {}, 0, 0, time.perf_counter()
         while not schedule.finished(state):
             try:
-                if schedule.measure_every and state.step % schedule.measure_every == 0:
+                if schedule.measure_every and state.step >= state.measure_at:
                     state = self._measured(state)
                 new = fsi.step(model, state, schedule.next_dt(state, rate) * (0.5**cuts))
                 rate, stop, late = self._check(new, received, time.perf_counter() - saved)
@@ -199,6 +199,9 @@ class Simulation:
             except StabilityError as error:
                 retries += 1
                 state, rate, cuts = self._go_back(error, good, retries)
+                state = replace(
+                    state, measure_at=state.step
+                )  # what it was when it last was measured is no guide
                 continue
             state, cuts = new, 0
             if progress is not None:
@@ -218,9 +221,9 @@ class Simulation:
     def _measured(self, state: State) -> State:
         """Return a state with the largest stable step, for steps about as long as the longest (collective)."""
         with self._clock("stable step"):
-            return replace(
-                state, dt_stable=stable_step(self.model, state, self.schedule.dt, MEASURED_PRODUCTS)
-            )
+            limit = stable_step(self.model, state, self.schedule.dt, MEASURED_PRODUCTS)
+        wait = self.schedule.wait(state, limit)
+        return replace(state, dt_stable=limit, measured_at=state.step, measure_at=state.step + wait)
 
     def _due(self, old: State, new: State) -> bool:
         """Whether the elements are checked: whatever is written has passed."""

@@ -20,7 +20,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from valvefsi.fsi import Model, State, initial_state
+from valvefsi.fsi import Model, State
 from valvefsi.grid import Array
 
 PRODUCTS = 24
@@ -65,20 +65,20 @@ def measured_limit(
         Collective. Costs a fluid step and two evaluations of the force a product. A solid that is compressed or
         stretched is stiffer than at rest.
     """
-    grid, rest = model.grid, initial_state(model, dt)
+    grid = model.grid
     nudge = NUDGE * float(min(grid.spacing[: grid.dim]))
     q, t = (None, 0.0) if at is None else (at.bodies[number], at.t)
     body = model.bodies[number].small_motion(q, t, dt, nudge)
     if body is None:
         return math.inf
-    pressures = model.circulation.pressures(rest.circuits, 0.0)
+    pressures = model.circulation.pressures(model.circulation.start, 0.0)
+    rest, none = model.fluid.fill(grid.zero_faces(), 0.0), grid.zero_faces()
 
     def velocity(F: Array | None) -> Array:
         f = grid.zero_faces()
         if F is not None:
             body.transfer.spread(F, out=f)
-        N = (rest.N, rest.N, 1.0)
-        u, _ = model.fluid.step(rest.u, rest.p.copy(), N, f, 0.0, dt, pressures)
+        u, _ = model.fluid.step(rest, grid.zeros(), (none, none, 1.0), f, 0.0, dt, pressures)
         return body.transfer.interpolate(u)
 
     base = velocity(None)
@@ -113,6 +113,8 @@ def _largest_eigenvalue(
     for _ in range(products):
         w = M(Kv)
         diagonal.append(dot(w, Kv))
+        if len(diagonal) == products:
+            break
         w = w - diagonal[-1] * v - (beside[-1] if beside else 0.0) * before
         Kw = K(w)
         size = dot(w, Kw)

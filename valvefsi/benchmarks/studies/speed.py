@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public
-from valvefsi.benchmarks.options import Parameters, Values, option
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, Result, Session, public
+from valvefsi.benchmarks.options import Parameters, Values, defaults, option
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import time_of_pair
-from valvefsi.benchmarks.studies import cost_model, elastic_speed
+from valvefsi.benchmarks.studies import case_speed, cost_model, elastic_speed
 from valvefsi.errors import CaseError
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary, Wall
@@ -53,7 +53,7 @@ class Yardsticks:
 
 @dataclass(frozen=True, kw_only=True)
 class Speed(Benchmark[int, Yardsticks]):
-    """Fluid steps on grids of N cells along each axis, walls on all sides but one pair."""
+    """Fluid steps on grids of N cells along each axis, walls on all sides but one pair; or the steps of a case."""
 
     name = "speed"
     parameters = PARAMETERS
@@ -62,10 +62,28 @@ class Speed(Benchmark[int, Yardsticks]):
     dim: int = option(3, "Dimensions.", least=2, most=3)
     steps: int = option(5, "Steps that are timed, after two that are not.", least=1)
     model: bool = option(False, "Predict steps on many cores too.")
+    case: str = option(
+        "", "A case instead of grids: its step by parts; --set is of the case.", metavar="CASE.toml"
+    )
+    state: str = option("", "With --case: begin from the newest checkpoint of this run.", metavar="FOLDER")
 
     def check(self, values: Values) -> None:
         if self.model and self.dim == 2:
             raise CaseError("the cost model is of three dimensions", key="--model", value="--dim 2")
+        if self.state and not self.case:
+            raise CaseError("a state is that of a case; give --case", key="--state", value=self.state)
+
+    def read(self) -> Values:
+        """Read the parameters; those of a case are in its file."""
+        return defaults(self.parameters) if self.case else super().read()
+
+    def execute(self, session: Session) -> Result:
+        """Time grids, or a case, see `Command.run`."""
+        if not self.case:
+            return super().execute(session)
+        folder = Path(self.state) if self.state else None
+        report = case_speed.report(Path(self.case), self.overrides, folder, self.steps, session.comm)
+        return self.written(report, session)
 
     @property
     def solves(self) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
+from valvefsi.fluid import stencils
 from valvefsi.grid import MacGrid
 from valvefsi.types import Array, Faces
 
@@ -13,8 +14,8 @@ def local_courant_rate(grid: MacGrid, u: Faces) -> float:
     """Largest ``|u_d| / h_d`` over this rank's faces [1/s]; infinite where a velocity is not finite."""
     rate = 0.0
     for d, c in enumerate(u):
-        own = c[grid.owned_faces(d)]
-        value = max(own.max(), -own.min()) / grid.spacing[d]
+        bits = stencils.largest_bits(c[grid.owned_faces(d)].view(np.int64))
+        value = float(np.array(bits, dtype=np.int64).view(np.float64)) / grid.spacing[d]
         rate = max(rate, value) if np.isfinite(value) else np.inf
     return float(rate)
 
