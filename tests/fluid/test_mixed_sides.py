@@ -185,3 +185,14 @@ def test_mixed_sides_in_a_corner_are_refused():
     grid = make_grid(3)
     with pytest.raises(ValueError, match=r"face each other.*x_lower, y_upper"):
         Boundary(grid, {"x_lower": patch(grid, 0), "y_upper": patch(grid, 1)})
+
+
+@pytest.mark.parametrize("cls", [NavierStokes, ExplicitViscosity])
+def test_a_force_that_is_not_finite_is_left_to_the_health_check(cls):
+    """The run looks at the velocity after each step, goes back and halves the step."""
+    grid = make_grid(3)
+    fluid = cls(grid, Boundary(grid, sides_of(grid, "two", 2)), rho=1.0, mu=0.05)
+    f = tuple(np.full(grid.shape, np.nan) for _ in range(3))
+    with np.errstate(invalid="ignore"):
+        u, _ = march(fluid, grid.zero_faces(), grid.zeros(), lambda _: f, 0.005, 1)
+    assert np.isnan(u[2][grid.unknown_faces(2)]).all()

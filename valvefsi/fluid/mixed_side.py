@@ -153,7 +153,7 @@ class PressureCorrection:
 
         def correct(x: Array) -> None:
             right = -np.concatenate([self.modes.values(x), extra])
-            found = scipy.linalg.lu_solve(self.factors, right)
+            found = scipy.linalg.lu_solve(self.factors, right, check_finite=False)
             self.modes.add(x, found[: self.modes.num], 0.0, -1.0)
             constant[0] = found[-1] if extra else 0.0
 
@@ -227,7 +227,7 @@ class NormalVelocityCorrection:
 
         def correct(x: Array) -> None:
             right = given + b * self.across * self.modes.values(x)
-            found[:] = scipy.linalg.lu_solve(self.factors, right)
+            found[:] = scipy.linalg.lu_solve(self.factors, right, check_finite=False)
             self.modes.add(x, b * self.inward * found, a, b)
 
         x = self.solver.solve(r, a, b, correct)
