@@ -1,11 +1,16 @@
-"""The fluid behind a rigid wall, held still: nothing can flow round the wall where its kernel lets a little through.
+"""A dam behind a rigid wall: nothing can flow round what the wall shuts where its kernel lets a little through.
 
-Every face of the grid that lies behind the wall has a spring and a damper of its own. No kernel is between them and the
-fluid, so no combination of theirs cancels on the grid, and none drifts.
+Every face of the grid that lies behind the wall between two planes has a spring and a damper of its own. No kernel is
+between them and the fluid, so no combination of theirs cancels on the grid.
+
+A wall of kernels needs the fluid behind it: where it flows along the wall, that fluid moves a little against the flow, so
+that the mean that the kernel sees vanishes. Held still there, it would push the wall's place into the flow, the further
+the longer it lasts. So the dam is to stand where hardly anything flows along the wall.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,11 +31,12 @@ MARGIN = 0.5
 
 
 class Filling(RigidSurface):
-    """The faces behind a wall; ``d`` is how far the fluid has been carried on the lower faces of each cell.
+    """The faces behind a part of a wall; ``d`` is how far the fluid has been carried on the lower faces of each cell.
 
     Args:
         wall: Points of the wall and its normals away from the fluid, the same on all ranks.
         coupling: Any kernel on the grid; it says which rank owns which cell.
+        between: z of the planes between which the dam stands [cm].
         name: Name in files.
         stiffness: kappa per volume [dyn/cm^4].
         damping: eta per volume [dyn s/cm^4].
@@ -40,9 +46,16 @@ class Filling(RigidSurface):
     """
 
     def __init__(
-        self, wall: PointSurface, coupling: Coupling, *, name: str, stiffness: float, damping: float
+        self,
+        wall: PointSurface,
+        coupling: Coupling,
+        *,
+        between: tuple[float, float] = (-math.inf, math.inf),
+        name: str,
+        stiffness: float,
+        damping: float,
     ) -> None:
-        cells = _Cells(wall, coupling)
+        cells = _Cells(wall, coupling, between)
         super().__init__(cells.points, cells.volumes, cells, name=name, stiffness=stiffness, damping=damping)
 
     def memory(self) -> int:
@@ -53,15 +66,19 @@ class Filling(RigidSurface):
 class _Cells:
     """The cells with a lower face behind a wall, in the place of a kernel's coupling."""
 
-    def __init__(self, wall: PointSurface, coupling: Coupling) -> None:
+    def __init__(self, wall: PointSurface, coupling: Coupling, between: tuple[float, float]) -> None:
         grid = coupling.grid
         self.grid, self.coupling = grid, coupling
-        centres = [grid.centres(axis) for axis in range(3)]
+        centres, edges = [grid.centres(axis) for axis in range(3)], list(grid.cell_widths)
+        level = (centres[2] > between[0]) & (centres[2] - 0.5 * edges[2] < between[1])
+        centres[2], edges[2] = centres[2][level], edges[2][level]
         points = np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1).reshape(-1, 3)
-        widths = np.stack(np.meshgrid(*grid.cell_widths, indexing="ij"), axis=-1).reshape(-1, 3)
-        behind = np.empty(points.shape, dtype=bool)
+        widths = np.stack(np.meshgrid(*edges, indexing="ij"), axis=-1).reshape(-1, 3)
+        behind = np.zeros(points.shape, dtype=bool)
         for d in range(3):
-            behind[:, d] = _behind(wall, points - 0.5 * widths * (np.arange(3) == d), float(grid.spacing[0]))
+            faces = points - 0.5 * widths * (np.arange(3) == d)
+            inside = np.flatnonzero((faces[:, 2] >= between[0]) & (faces[:, 2] <= between[1]))
+            behind[inside, d] = _behind(wall, faces[inside], float(grid.spacing[0]))
         some = behind.any(axis=1)
         self.points, self.volumes, self.behind = points[some], np.prod(widths[some], axis=1), behind[some]
 

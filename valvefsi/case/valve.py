@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -207,16 +208,20 @@ def build_rigid(
         problem = CaseError(message, file=case.file, key="housing", value=f"radius {widest:.4g} cm")
     raise_together(grid.comm, problem)
     assert rigid is not None  # or all ranks have raised
-    return (rigid, _filling(case, housing, grid)) if housing.fill else (rigid,)
+    if not housing.fill or housing.stent is None:
+        return (rigid,)
+    return rigid, _filling(case, housing, grid, edges or {})
 
 
-def _filling(case: Case, housing: Housing, grid: MacGrid) -> Filling:
-    """Return what holds the fluid outside the housing still."""
+def _filling(case: Case, housing: Housing, grid: MacGrid, edges: Mapping[int, LeafletEdges]) -> Filling:
+    """Return what holds the fluid outside the housing still beside the stent, where little flows along the wall."""
     h, (low, high) = case.grid.spacing, case.grid.bounds[2]
     share = housing.hold * case.fluid.density
+    _, heights = _stent_edge(case, housing, edges).at(np.linspace(0.0, 2.0 * math.pi, LINE))
     return Filling(
         _wall(case, housing, (low + 0.5 * h, high - 0.5 * h), grid.comm)[0],
         Coupling(grid, KERNEL),
+        between=(housing.annulus, 0.5 * (housing.annulus + float(heights.max()))),
         name="filling",
         stiffness=share / case.dt**2,
         damping=share / case.dt,
