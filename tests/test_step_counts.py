@@ -41,7 +41,7 @@ STEP = {
     "solves": 1,
     "transforms": 6,  # three there and three back
     "advection terms": 1,
-    "cleared arrays": 5,
+    "cleared arrays": 11,  # the force, two of unresolved slip, the pressure and its correction
     "elastic forces": 1,
     "spreads": 4,  # leaflets, housing, and two of unresolved slip
     "interpolations": 6,  # leaflets and housing before and after the fluid's step, and two of unresolved slip
