@@ -148,7 +148,7 @@ class GradedOperators:
     def advection(self, u: Faces) -> Faces:
         """Return div(u u) on the faces inside."""
         grid, ops = self.grid, self.uniform
-        flows = grid.zero_faces()
+        flows = tuple(np.empty(grid.shape) for _ in u)
         for d, c in enumerate(u):
             area = [np.ones(n) if a == d else grid.widths[a] for a, n in enumerate(grid.shape)]
             graded_kernels.transports(flows[d], c, *area)
@@ -175,11 +175,8 @@ class GradedOperators:
 
     def advance(self, q: Array, p: Array, terms: Faces, weights: tuple[float, float, float], d: int) -> Array:
         """Return q + k (f - grad p) - a N - b N_old on the faces of component d; weights are k, a, b."""
-        k, a, b = weights
         out = self.grid.zeros()
-        graded_kernels.right_hand_side(out, p, terms, (a / k, b / k, d), self.inverse_gaps[d], self.faces[d])
-        out *= k
-        out += q
+        graded_kernels.advance(out, q, p, terms, weights, d, self.inverse_gaps[d], self.faces[d])
         return out
 
     def divergence(self, u: Faces) -> Array:
