@@ -129,8 +129,8 @@ def step(model: Model, s: State, dt: float) -> State:
     # 4. the circulation sees the new flow
     flows = {side: model.fluid.boundary.outflow(u_half, side) for side in model.circulation.sides}
     circuits = model.circulation.step(s.circuits, flows, s.t, dt)
-    new = {"u": u, "p": p, "N": N, "bodies": bodies, "circuits": circuits, "given": given}
-    return replace(s, t=s.t + dt, step=s.step + 1, dt=dt, **new)
+    at = replace(s, t=s.t + dt, step=s.step + 1, dt=dt)
+    return replace(at, u=u, p=p, N=N, bodies=bodies, circuits=circuits, given=given)
 
 
 def on_fluid(grid: MacGrid, half: list[HalfStep], U_half: list[Array]) -> Array:

@@ -46,3 +46,15 @@ def test_the_fastest_face_and_the_courant_rate_are_found_wherever_they_are():
     np.testing.assert_allclose(place[:2], [1.45, 0.3])
     rate = grid.comm.allreduce(diagnostics.local_courant_rate(grid, u), op=MPI.MAX)
     assert rate == pytest.approx(70.0)
+
+
+@pytest.mark.parametrize("bad", [np.nan, -np.nan, np.inf, -np.inf])
+def test_the_courant_rate_of_a_velocity_that_is_not_finite_is_infinite(bad):
+    grid = MacGrid([0, 0], [2, 1], [20, 10], [False, False], MPI.COMM_SELF)
+    u = grid.zero_faces()
+    u[0][...] = -3.0
+    assert diagnostics.local_courant_rate(grid, u) == pytest.approx(30.0)
+    u[1][6, 7, 0] = bad
+    assert diagnostics.local_courant_rate(grid, u) == np.inf
+    u[1][6, 7, 0], u[1][0, 0, 0] = 0.0, bad  # a ghost
+    assert diagnostics.local_courant_rate(grid, u) == pytest.approx(30.0)

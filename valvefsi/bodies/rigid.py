@@ -108,7 +108,6 @@ class RigidSurface(BodyBase):
         self.X: Array = np.ascontiguousarray(points[self.ids])
         self.slip = slip if isinstance(slip, float | int) else np.asarray(slip, dtype=float)[self.ids]
         self.slipping = np.zeros(0, dtype=np.int64)
-        self.slips = bool(np.any(self.slip))
         if not isinstance(self.slip, float | int):
             self.slipping = np.flatnonzero(self.slip.any(axis=(1, 2)))
         self.transfer: Transfer = coupling.stay(self.X)
@@ -136,6 +135,11 @@ class RigidSurface(BodyBase):
         F = self.held(F)
         F *= self.weights[:, None]
         return F
+
+    @property
+    def slips(self) -> bool:
+        """Whether any of its points slips back."""
+        return not isinstance(self.slip, float | int) or self.slip > 0.0
 
     def back(self, d: Array) -> Array:
         """Return the velocity at which points carried by d slip back, ``(n, 3)`` [cm/s]."""

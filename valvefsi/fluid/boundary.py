@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -419,10 +419,14 @@ class Boundary:
         """Integral over this rank's part of a side of ``(.., 1, ..)`` local entries."""
         if not place.here:
             return 0.0
-        grid, others = self.grid, [a for a in range(3) if a != place.axis]
-        area = np.ones((1, 1, 1))
-        for a in others:
-            area = area * grid.widths[a][grid.owned[a]].reshape([-1 if a == b else 1 for b in range(3)])
+        grid = self.grid
         shape = [1 if a == place.axis else grid.shape[a] for a in range(3)]
         owned = tuple(slice(0, 1) if a == place.axis else grid.owned[a] for a in range(3))
-        return float((np.broadcast_to(values, shape)[owned] * area).sum())
+        return float((np.broadcast_to(values, shape)[owned] * self._areas[place.axis]).sum())
+
+    @cached_property
+    def _areas(self) -> list[Array]:
+        """Areas of this rank's faces normal to each axis on a side [cm^2]."""
+        x, y, z = (w[own] for w, own in zip(self.grid.widths, self.grid.owned, strict=True))
+        widths = x[:, None, None], y[None, :, None], z[None, None, :]
+        return [widths[(a + 1) % 3] * widths[(a + 2) % 3] for a in range(3)]

@@ -7,10 +7,17 @@ is the neighbour below along axis e.
 from __future__ import annotations
 
 import numba
+import numpy as np
 
 from valvefsi.types import Array, Faces, Indices
 
+Weights = tuple[float, float, float]
+"""Time over density and those of the advection terms, k, a, b."""
+
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
+INDEX = (
+    np.uint64
+)  # of a place that is not negative: no code for counting from the end, which keeps loops from vectors
 
 
 @kernel
@@ -21,12 +28,42 @@ def laplacian(out: Array, q: Array, rates: Faces, factor: float, box: Indices) -
     for i in range(box[0, 0], box[0, 1]):
         for j in range(box[1, 0], box[1, 1]):
             for k in range(box[2, 0], box[2, 1]):
-                here = q[i, j, k]
-                value = up0[i] * (q[i + 1, j, k] - here) - down0[i] * (here - q[i - 1, j, k])
-                value += up1[j] * (q[i, j + 1, k] - here) - down1[j] * (here - q[i, j - 1, k])
+                x, y, z = INDEX(i), INDEX(j), INDEX(k)
+                here = q[x, y, z]
+                value = up0[x] * (q[INDEX(i + 1), y, z] - here) - down0[x] * (here - q[INDEX(i - 1), y, z])
+                value += up1[y] * (q[x, INDEX(j + 1), z] - here) - down1[y] * (here - q[x, INDEX(j - 1), z])
                 if not flat:
-                    value += up2[k] * (q[i, j, k + 1] - here) - down2[k] * (here - q[i, j, k - 1])
-                out[i, j, k] += factor * value
+                    value += up2[z] * (q[x, y, INDEX(k + 1)] - here) - down2[z] * (
+                        here - q[x, y, INDEX(k - 1)]
+                    )
+                out[x, y, z] += factor * value
+
+
+@kernel
+def difference(p: Array, i: int, j: int, k: int, d: int) -> float:
+    """Difference of an entry and the one below it along axis d."""
+    x, y, z = INDEX(i), INDEX(j), INDEX(k)
+    if d == 0:
+        return p[x, y, z] - p[INDEX(i - 1), y, z]
+    if d == 1:
+        return p[x, y, z] - p[x, INDEX(j - 1), z]
+    return p[x, y, z] - p[x, y, INDEX(k - 1)]
+
+
+@kernel
+def advance(
+    out: Array, q: Array, p: Array, terms: Faces, weights: Weights, d: int, inverse_gap: Array, box: Indices
+) -> None:
+    """Velocity before the projection: out = q + k (f - (p[c] - p[c-d]) / g_d) - a N - b N_old."""
+    N, N_old, f = terms
+    share, a, b = weights
+    for i in range(box[0, 0], box[0, 1]):
+        for j in range(box[1, 0], box[1, 1]):
+            for k in range(box[2, 0], box[2, 1]):
+                x, y, z = INDEX(i), INDEX(j), INDEX(k)
+                g = inverse_gap[x if d == 0 else (y if d == 1 else z)]
+                push = f[x, y, z] - difference(p, i, j, k, d) * g
+                out[x, y, z] = q[x, y, z] + share * push - a * N[x, y, z] - b * N_old[x, y, z]
 
 
 @kernel
@@ -39,13 +76,9 @@ def right_hand_side(
     for i in range(box[0, 0], box[0, 1]):
         for j in range(box[1, 0], box[1, 1]):
             for k in range(box[2, 0], box[2, 1]):
-                if d == 0:
-                    gradient = (p[i, j, k] - p[i - 1, j, k]) * inverse_gap[i]
-                elif d == 1:
-                    gradient = (p[i, j, k] - p[i, j - 1, k]) * inverse_gap[j]
-                else:
-                    gradient = (p[i, j, k] - p[i, j, k - 1]) * inverse_gap[k]
-                out[i, j, k] = f[i, j, k] - gradient - a * N[i, j, k] - b * N_old[i, j, k]
+                x, y, z = INDEX(i), INDEX(j), INDEX(k)
+                gradient = difference(p, i, j, k, d) * inverse_gap[x if d == 0 else (y if d == 1 else z)]
+                out[x, y, z] = f[x, y, z] - gradient - a * N[x, y, z] - b * N_old[x, y, z]
 
 
 @kernel
@@ -55,12 +88,12 @@ def divergence(out: Array, u: Faces, inverse: Faces, box: Indices) -> None:
     for i in range(box[0, 0], box[0, 1]):
         for j in range(box[1, 0], box[1, 1]):
             for k in range(box[2, 0], box[2, 1]):
-                value = w0[i] * (u[0][i + 1, j, k] - u[0][i, j, k]) + w1[j] * (
-                    u[1][i, j + 1, k] - u[1][i, j, k]
-                )
+                x, y, z = INDEX(i), INDEX(j), INDEX(k)
+                value = w0[x] * (u[0][INDEX(i + 1), y, z] - u[0][x, y, z])
+                value += w1[y] * (u[1][x, INDEX(j + 1), z] - u[1][x, y, z])
                 if len(u) == 3:
-                    value += w2[k] * (u[2][i, j, k + 1] - u[2][i, j, k])
-                out[i, j, k] = value
+                    value += w2[z] * (u[2][x, y, INDEX(k + 1)] - u[2][x, y, z])
+                out[x, y, z] = value
 
 
 @kernel
@@ -69,12 +102,9 @@ def subtract_gradient(out: Array, phi: Array, factors: Array, d: int, box: Indic
     for i in range(box[0, 0], box[0, 1]):
         for j in range(box[1, 0], box[1, 1]):
             for k in range(box[2, 0], box[2, 1]):
-                if d == 0:
-                    out[i, j, k] -= factors[i] * (phi[i, j, k] - phi[i - 1, j, k])
-                elif d == 1:
-                    out[i, j, k] -= factors[j] * (phi[i, j, k] - phi[i, j - 1, k])
-                else:
-                    out[i, j, k] -= factors[k] * (phi[i, j, k] - phi[i, j, k - 1])
+                x, y, z = INDEX(i), INDEX(j), INDEX(k)
+                factor = factors[x if d == 0 else (y if d == 1 else z)]
+                out[x, y, z] -= factor * difference(phi, i, j, k, d)
 
 
 @kernel

@@ -43,13 +43,18 @@ class UniformOperators:
         """Run a loop over entries in as many parts as there are threads, whole planes each."""
         threads.divide(loop, *bounds, step=self.strides[0])
 
+    def _zeros_around(self, bounds: tuple[int, int]) -> Array:
+        """Return a new array that is zero before and after the entries that a loop writes."""
+        out, (first, last) = np.empty(self.grid.shape), bounds
+        out.ravel()[:first] = 0.0
+        out.ravel()[last:] = 0.0
+        return out
+
     def advection(self, u: Faces) -> Faces:
         """Return div(u u) on the faces inside."""
-        flat, (first, last) = tuple(c.ravel() for c in u), self.cells
-        out = tuple(np.empty(self.grid.shape) for _ in u)  # the loop writes all from first to last
+        flat = tuple(c.ravel() for c in u)
+        out = tuple(self._zeros_around(self.cells) for _ in u)
         for d, term in enumerate(c.ravel() for c in out):
-            term[:first] = 0.0
-            term[last:] = 0.0
 
             def loop(a: int, b: int, d: int = d, term: Array = term) -> None:
                 self.scheme(term, flat[d], flat, d, self.inv_h, self.strides, (a, b, self.own))
@@ -79,7 +84,7 @@ class UniformOperators:
 
     def advance(self, q: Array, p: Array, terms: Faces, weights: tuple[float, float, float], d: int) -> Array:
         """Return q + k (f - grad p) - a N - b N_old on the faces of component d; weights are k, a, b."""
-        out = self.grid.zeros()
+        out = self._zeros_around(self.faces[d])
         arrays = out.ravel(), q.ravel(), p.ravel(), tuple(term.ravel() for term in terms)
         factors = (*weights, self.inv_h[d])
         self._divide(
@@ -143,7 +148,7 @@ class GradedOperators:
     def advection(self, u: Faces) -> Faces:
         """Return div(u u) on the faces inside."""
         grid, ops = self.grid, self.uniform
-        flows = grid.zero_faces()
+        flows = tuple(np.empty(grid.shape) for _ in u)
         for d, c in enumerate(u):
             area = [np.ones(n) if a == d else grid.widths[a] for a, n in enumerate(grid.shape)]
             graded_kernels.transports(flows[d], c, *area)
@@ -170,11 +175,8 @@ class GradedOperators:
 
     def advance(self, q: Array, p: Array, terms: Faces, weights: tuple[float, float, float], d: int) -> Array:
         """Return q + k (f - grad p) - a N - b N_old on the faces of component d; weights are k, a, b."""
-        k, a, b = weights
         out = self.grid.zeros()
-        graded_kernels.right_hand_side(out, p, terms, (a / k, b / k, d), self.inverse_gaps[d], self.faces[d])
-        out *= k
-        out += q
+        graded_kernels.advance(out, q, p, terms, weights, d, self.inverse_gaps[d], self.faces[d])
         return out
 
     def divergence(self, u: Faces) -> Array:

@@ -217,7 +217,7 @@ class MacGrid:
 
     def zero_faces(self) -> Faces:
         """Return one local array of zeros per velocity component."""
-        return tuple(np.zeros(self.shape) for _ in range(self.dim))
+        return tuple(self.zeros() for _ in range(self.dim))
 
     def coordinates(self, axis: int, *, on_faces: bool) -> Array:
         """Positions along an axis of all local entries, ghosts included [cm]."""

@@ -199,9 +199,7 @@ class Simulation:
             except StabilityError as error:
                 retries += 1
                 state, rate, cuts = self._go_back(error, good, retries)
-                state = replace(
-                    state, measure_at=state.step
-                )  # what it was when it last was measured is no guide
+                state = replace(state, measure_at=state.step)  # now: the last measurement was no guide
                 continue
             state, cuts = new, 0
             if progress is not None:
