@@ -3,9 +3,9 @@
 Every face of the grid that lies behind the wall between two planes has a spring and a damper of its own. No kernel is
 between them and the fluid, so no combination of theirs cancels on the grid.
 
-A wall of kernels needs the fluid behind it: where it flows along the wall, that fluid moves a little against the flow, so
-that the mean that the kernel sees vanishes. Held still there, it would push the wall's place into the flow, the further
-the longer it lasts. So the dam is to stand where hardly anything flows along the wall.
+A wall of kernels needs the fluid behind it: beside a flow along the wall, that fluid moves a little against the flow,
+so that the mean that the kernel sees vanishes. Held still there, it would push the wall's place into the flow, the
+further the longer that lasts. So the dam is to stand where hardly anything flows along the wall.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ class Housing(Table):
     )
     fill: bool = Field(
         True,
-        description="Whether the fluid outside is held still, so that nothing flows round the valve there",
+        description="Whether the fluid outside is held still beside the stent, so that nothing flows round the valve",
     )
     stent: Name | None = Field(
         None,

@@ -9,7 +9,7 @@ from pathlib import Path
 from valvefsi.errors import CaseError
 from valvefsi.fsi import State
 
-LONGEST_WAIT = 8
+LONGEST_WAIT = 3
 """Longest time between measurements of the stable step, in shortest ones."""
 DRIFT = 0.05
 """Part of the stable step by which it may change between measurements; a run takes 0.8 of it at most."""
