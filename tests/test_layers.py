@@ -52,6 +52,7 @@ INSIDE = {
         {"immersed"},
         {"studies"},
     ],
+    "studies": [{"members"}, {"runner"}, {"stages", "sweep"}],
 }
 
 KERNELS = (
