@@ -30,6 +30,7 @@ ONE_RANK = (
     "solid/test_material_closed_forms.py",
     "solid/test_material_parameters.py",
     "solid/test_materials.py",
+    "studies",
     "test_demos.py",
     "test_documents.py",
     "test_layers.py",

@@ -52,7 +52,7 @@ INSIDE = {
         {"immersed"},
         {"studies"},
     ],
-    "studies": [{"members"}, {"runner"}, {"stages", "sweep"}],
+    "studies": [{"members"}, {"runner"}, {"planning", "stages", "sweep"}, {"sweep_picture"}],
 }
 
 KERNELS = (
