@@ -1,7 +1,7 @@
 """Stands in for ``python -m valvefsi`` where only what the runner of a study does is asked: a run of twenty rows.
 
 The viscosity says what becomes of it: 7 fails, 9 is killed, 5 waits at a quarter until ``go`` lies in the folder above.
-Where ``deaf`` lies there, it does not stop when asked to.
+Where ``deaf`` lies there, it does not stop when asked to; where ``broken`` does, it fails.
 Its checkpoint is ``checkpoint.vfc`` of the folder above. What it was called with, and when, stands in ``events``
 there.
 """
@@ -31,6 +31,8 @@ def main() -> None:
     stopped = []
     deaf = (out.parent / "deaf").exists()
     signal.signal(signal.SIGTERM, signal.SIG_IGN if deaf else lambda *_: stopped.append(True))
+    if (out.parent / "broken").exists():
+        sys.exit("error: it is broken")
     if viscosity == 7.0:
         print("warning: about to fail")
         sys.exit("ConvergenceError: it does not converge")

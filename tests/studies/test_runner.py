@@ -26,13 +26,17 @@ def most_at_once(events):
 @pytest.mark.parametrize("jobs", [1, 2, 3])
 def test_as_many_members_run_at_once_as_were_asked_for(study, jobs):
     (study.folder / "together").write_text(str(jobs))
-    outcomes = study.run(members(1, 2, 3, 4), jobs=jobs)
+    running = []
+    outcomes = study.run(
+        members(1, 2, 3, 4), jobs=jobs, progress=lambda tally: running.append(len(tally.running))
+    )
+    assert max(running) == jobs
     assert most_at_once(study.events) == jobs
     assert [(o.member.name, o.state) for o in outcomes] == [(f"viscosity={k}", "done") for k in (1, 2, 3, 4)]
 
 
 def test_a_member_is_a_process_of_one_thread_that_knows_of_no_launcher(study, monkeypatch):
-    others = {"PMI_RANK", "PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "VALVEFSI_THREADS", "FORCE_COLOR"}
+    others = {"PMI_RANK", "PMIX_RANK", "OMPI_UNIVERSE_SIZE", "VALVEFSI_THREADS", "FORCE_COLOR"}
     for name in others:
         monkeypatch.setenv(name, "1")
     study.run(members(1, 2))
@@ -115,6 +119,17 @@ def test_a_later_end_goes_on_from_the_checkpoint_and_an_earlier_one_is_refused(s
     assert study.begun() == {"viscosity=1": True}
     assert outcome.state == "done"
     assert study.record("viscosity=1")["inputs"]["time.t_end"] == 2.0
+
+
+def test_a_later_end_that_was_not_reached_is_not_taken_for_done(study):
+    study.run(members(1))
+    (study.folder / "broken").touch()
+    (outcome,) = study.run(members(1, t_end=2), resume=True)
+    assert outcome.message == "it is broken"
+    (study.folder / "broken").unlink()
+    (outcome,) = study.run(members(1, t_end=2), resume=True)
+    assert outcome.state == "done"
+    assert outcome.summary["last"]["t_s"] == 2.0
 
 
 def test_a_run_that_is_no_member_is_not_touched(study):

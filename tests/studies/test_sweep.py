@@ -223,10 +223,8 @@ def drawn(tmp_path, over, values):
 
 
 def curves(axes):
-    return [
-        (line.get_label().removeprefix("_child0"), line.get_xdata().tolist(), line.get_ydata().tolist())
-        for line in axes.get_lines()
-    ]
+    named = [(line.get_label().removeprefix("_child0"), line) for line in axes.get_lines()]
+    return [(name, line.get_xdata().tolist(), line.get_ydata().tolist()) for name, line in named]
 
 
 def texts_are_whole_and_apart(figure):
