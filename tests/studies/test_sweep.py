@@ -228,27 +228,24 @@ def curves(axes):
 
 
 def texts_are_whole_and_apart(figure):
-    """Whether all titles, labels and ticks lie in the figure, and no two of them on one another."""
+    """Whether all texts lie in the figure, no two on one another, and none on the panel of another axes."""
     figure.canvas.draw()
-    page, boxes = figure.bbox, [text.get_window_extent() for text in figure.texts]
+    page, boxes = figure.bbox, [(None, text.get_window_extent()) for text in figure.texts]
     for axes in figure.axes:
-        texts = [axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label]
-        texts += [
-            *axes.get_xticklabels(),
-            *axes.get_yticklabels(),
-            *(axes.get_legend() or axes.title).get_children(),
-        ]
-        texts = [
-            text for text in texts if hasattr(text, "get_text") and text.get_text() and text.get_visible()
-        ]
         low, high = axes.get_ylim()
+        texts = [axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label, *axes.get_xticklabels()]
+        texts += [text for text in axes.get_yticklabels() if low <= text.get_position()[1] <= high]
+        texts += axes.get_legend().get_texts() if axes.get_legend() else []
         boxes += [
-            text.get_window_extent()
-            for text in texts
-            if text not in axes.get_yticklabels() or low <= text.get_position()[1] <= high
+            (axes, text.get_window_extent()) for text in texts if text.get_text() and text.get_visible()
         ]
-    whole = all(page.x0 <= b.x0 and b.x1 <= page.x1 and page.y0 <= b.y0 and b.y1 <= page.y1 for b in boxes)
-    return whole and not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+    whole = all(page.x0 <= b.x0 and b.x1 <= page.x1 and page.y0 <= b.y0 and b.y1 <= page.y1 for _, b in boxes)
+    apart = not any(a.overlaps(b) for k, (_, a) in enumerate(boxes) for _, b in boxes[:k])
+    return (
+        whole
+        and apart
+        and not any(b.overlaps(axes.bbox) for own, b in boxes for axes in figure.axes if axes != own)
+    )
 
 
 def test_the_picture_shows_numbers_against_what_is_varied(tmp_path, figures):
