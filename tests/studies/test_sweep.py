@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -298,8 +299,14 @@ def test_waveforms_of_members_lie_over_one_another(tmp_path, figures):
         *("21 mm", "25 mm", "upstream", "downstream"),
     ]
     assert pressure.get_ylabel() == "pressure [mmHg]"
+    assert area.get_xlabel() == "t [s]"
     assert [max(line.get_ydata()) for line in (*flow.get_lines(), *area.get_lines())] == [100, 100, 1, 1]
     assert texts_are_whole_and_apart(figures[0])
+    brief = [{**one, "t": 1e-3 * t} for one in waves]
+    plots.sweep_picture(tmp_path / "brief.png", replace(picture, waves=[*brief, {}]))
+    assert figures[1].axes[-1].get_xlabel() == "t [ms]"
+    assert max(figures[1].axes[-1].get_lines()[0].get_xdata()) == pytest.approx(1.0)
+    assert texts_are_whole_and_apart(figures[1])
 
 
 @pytest.mark.parametrize(("jobs", "time"), [(1, 10.0), (2, 7.0), (3, 5.0), (9, 4.0)])

@@ -43,6 +43,8 @@ from valvefsi.studies.members import (
 PROGRAM = (sys.executable, "-m", "valvefsi")
 POLL = 0.2
 """Time between two looks at the processes [s]."""
+KNOWN = 0.2
+"""Part of a member from which its own pace says how long it takes: its start is behind it."""
 LAUNCHER = ("PMI_", "PMIX_", "HYDI_", "HYDRA_", "OMPI_COMM_", "OMPI_UNIVERSE", "MPI_LOCAL")
 """Variables by which a launcher of ranks tells a process that it is one: a member is none."""
 
@@ -343,6 +345,6 @@ class _Runner:
         alone = (
             (now - task.started) * (1.0 - task.share) / (task.share - task.first)
             for task, _ in self._running.values()
-            if task.share > task.first
+            if task.share > task.first + KNOWN
         )
         return max(left, *alone, 0.0)

@@ -27,6 +27,8 @@ VALVE = (
 """Numbers of a valve's cycle that are drawn."""
 DULL = ("step", "t_s", "energy_", "courant")
 """What the end of a history is not drawn of."""
+FIRST = ("u_", "pdva_", "p_", "q_", "force_", "flow_", "pressure_")
+"""What comes before the rest of it."""
 MOST = 8
 """Panels of numbers."""
 SAME = 1e-9
@@ -80,13 +82,14 @@ def draw_sweep(
 def headlines(summary: Mapping[str, Any]) -> dict[str, float]:
     """Return the numbers of a run that are worth a picture, by name with unit.
 
-    Those of the last whole cycle of a valve; else what the history ends with, displacements first.
+    Those of the last whole cycle of a valve; else what the history ends with, displacements, area, pressures and
+    flows first.
     """
     whole = [cycle for cycle in summary.get("valve", {}).get("cycles", []) if VALVE[0] in cycle]
     if whole:
         return {name: whole[-1][name] for name in VALVE if isinstance(whole[-1].get(name), float)}
     last = {name: value for name, value in summary.get("last", {}).items() if not name.startswith(DULL)}
-    return dict(sorted(last.items(), key=lambda item: not item[0].startswith("u_")))
+    return dict(sorted(last.items(), key=lambda item: not item[0].startswith(FIRST)))
 
 
 def varying(summaries: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:

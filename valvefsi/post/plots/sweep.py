@@ -51,6 +51,8 @@ ROW, GAP, WAVE, LEGEND = 1.25, 0.6, 1.6, 0.22
 KEYS: dict[str, Any] = {"frameon": False, "fontsize": 8.5, "handlelength": 1.8}
 LETTERS = 32
 """Letters that go under an axis of a panel of numbers."""
+SHORT = 0.1
+"""Time below which waveforms are drawn over milliseconds [s]."""
 APART = 0.12
 """Part of an axis that two ticks must be apart."""
 
@@ -141,7 +143,7 @@ def sweep_picture(path: Path, picture: SweepPicture) -> Path:
 def _draw_numbers(figure: Figure, picture: SweepPicture, top: float, bottom: float) -> None:
     """Draw a panel for each number; the last of each column says what is varied."""
     rows = -(-len(picture.numbers) // COLUMNS)
-    place = {"left": 0.115, "right": 0.975, "top": top, "bottom": bottom}
+    place = {"left": 0.115, "right": 0.965, "top": top, "bottom": bottom}
     grid = figure.add_gridspec(rows, COLUMNS, hspace=GAP / ROW, wspace=0.3, **place)
     for number, (column, values) in enumerate(picture.numbers.items()):
         axes = figure.add_subplot(grid[number // COLUMNS, number % COLUMNS])
@@ -202,21 +204,24 @@ def _draw_waves(
     bottom: float,
 ) -> None:
     """Draw the waveforms of all members, a colour for each; the pressure downstream is dashed."""
-    grid = figure.add_gridspec(len(panels), 1, left=0.115, right=0.975, top=top, bottom=bottom, hspace=0.14)
+    grid = figure.add_gridspec(len(panels), 1, left=0.115, right=0.965, top=top, bottom=bottom, hspace=0.14)
     axes: list[Axes] = []
     colours = _colours(len(picture.waves))
+    short = max(waves["t"][-1] for waves in picture.waves if waves) < SHORT
+    unit_t, factor = ("ms", 1e3) if short else ("s", 1.0)
     for number, (label, names, unit) in enumerate(panels):
         axes.append(figure.add_subplot(grid[number, 0], sharex=axes[0] if axes else None))
         for waves, colour in zip(picture.waves, colours, strict=True):
             for name, dashes in zip(names, ((None, None), (3.5, 1.5)), strict=False):
                 if name in waves:
-                    axes[-1].plot(waves["t"], waves[name] / unit, color=colour, linewidth=1.5, dashes=dashes)
+                    t, values = factor * waves["t"], waves[name] / unit
+                    axes[-1].plot(t, values, color=colour, linewidth=1.5, dashes=dashes)
         axes[-1].set_ylabel(label, fontsize=9)
         axes[-1].tick_params(labelsize=8.5, labelbottom=number == len(panels) - 1)
         axes[-1].yaxis.set_major_locator(MaxNLocator(5))
         axes[-1].margins(x=0, y=0.1)
         plain(axes[-1])
-    axes[-1].set_xlabel("t [s]", fontsize=9)
+    axes[-1].set_xlabel(f"t [{unit_t}]", fontsize=9)
     figure.align_ylabels(axes)
     handles = [
         Line2D([], [], color=colour, linewidth=1.8, label=name)
