@@ -16,7 +16,7 @@ import typer
 
 from valvefsi.case import load_case
 from valvefsi.cli import app
-from valvefsi.studies import read_cases
+from valvefsi.studies.members import read_cases
 from valvefsi.studies.sweep import make_sweep
 
 ROOT = Path(__file__).parents[1]

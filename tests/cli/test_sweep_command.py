@@ -23,7 +23,9 @@ from valvefsi import cli
 from valvefsi.cli import study_progress
 from valvefsi.errors import CaseError, StudyError
 from valvefsi.io.history import read_history
-from valvefsi.studies import Member, Outcome, Tally, run_members, runner
+from valvefsi.studies import runner
+from valvefsi.studies.members import Member, Outcome
+from valvefsi.studies.runner import Tally, run_members
 
 pytestmark = pytest.mark.serial
 RUNNER = typer.testing.CliRunner()

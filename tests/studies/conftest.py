@@ -10,7 +10,9 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi.io import checkpoint
-from valvefsi.studies import Member, run_members, runner
+from valvefsi.studies import runner
+from valvefsi.studies.members import Member
+from valvefsi.studies.runner import run_members
 
 PROGRAM = (sys.executable, str(Path(__file__).with_name("fake_member.py")))
 CASE = """

@@ -12,7 +12,8 @@ import pytest
 
 from tests.studies.conftest import members
 from valvefsi.errors import CaseError, Stopped
-from valvefsi.studies import Member, runner
+from valvefsi.studies import runner
+from valvefsi.studies.members import Member
 
 
 def most_at_once(events):

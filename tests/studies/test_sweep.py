@@ -13,7 +13,7 @@ from tests.studies.conftest import CASE
 from valvefsi.case import load_case
 from valvefsi.errors import CaseError
 from valvefsi.post.plots import sweep as plots
-from valvefsi.studies import Outcome
+from valvefsi.studies.members import Outcome
 from valvefsi.studies.planning import time_of_all
 from valvefsi.studies.sweep import make_sweep, scalars, sweep_rows, write_tables
 from valvefsi.studies.sweep_picture import draw_sweep, headlines, varying

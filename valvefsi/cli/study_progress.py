@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bars
     from rich.progress import TaskID
 
-    from valvefsi.studies import Outcome, Tally
+    from valvefsi.studies.members import Outcome
+    from valvefsi.studies.runner import Tally
 
 
 class StudyProgress:

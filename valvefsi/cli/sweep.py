@@ -18,7 +18,7 @@ from valvefsi.errors import StudyError
 
 if TYPE_CHECKING:
     from valvefsi.case import Case
-    from valvefsi.studies import Outcome
+    from valvefsi.studies.members import Outcome
     from valvefsi.studies.sweep import Sweep
 
 MOST = 4
