@@ -1,7 +1,8 @@
 """The commands: run a case or a sweep, print the keys of case files, compare runs and records, run benchmarks.
 
-Exit codes: 0 done, 2 a case or an option cannot be used, 3 the run failed (ConvergenceError, StabilityError, StudyError),
-4 the surroundings failed (disk, folder, memory), 130 interrupted, 143 terminated, 1 a fault of the program itself.
+Exit codes: 0 done, 2 a case or an option cannot be used, 3 the run failed (ConvergenceError, StabilityError) or members
+did (StudyError), 4 the surroundings failed (disk, folder, memory), 130 interrupted, 143 terminated, 1 a fault of the
+program itself.
 In a parallel run rank 0 speaks for all. What computes is imported by the command that needs it, so that ``--help``
 is quick.
 """
