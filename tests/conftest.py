@@ -30,6 +30,8 @@ ONE_RANK = (
     "solid/test_material_closed_forms.py",
     "solid/test_material_parameters.py",
     "solid/test_materials.py",
+    "studies/test_runner.py",
+    "studies/test_sweep.py",
     "test_demos.py",
     "test_documents.py",
     "test_layers.py",

@@ -16,6 +16,8 @@ import typer
 
 from valvefsi.case import load_case
 from valvefsi.cli import app
+from valvefsi.studies.members import read_cases
+from valvefsi.studies.sweep import make_sweep
 
 ROOT = Path(__file__).parents[1]
 RESULTS = sorted((ROOT / "docs" / "results").glob("*.json"))
@@ -147,6 +149,11 @@ def test_every_command_of_a_document_is_understood(path):
         if whole and words[1] == "run":
             changes = [words[n + 1] for n, word in enumerate(words) if word == "--set"]
             load_case(ROOT / words[2], changes)
+        if whole and words[1] == "sweep":
+            over, changes = (
+                [words[n + 1] for n, word in enumerate(words) if word == key] for key in ("--over", "--set")
+            )
+            read_cases(ROOT / words[2], make_sweep(over, changes).members)
         for word in words:
             if whole and word.startswith(("demos/", "calibration/")):
                 assert (ROOT / word).exists(), word

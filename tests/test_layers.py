@@ -44,6 +44,7 @@ INSIDE = {
         {"structure_stress"},
     ],
     "post": [{"diagnostics", "valve_record"}, {"valve_numbers", "plots"}, {"movies"}],
+    "studies": [{"members"}, {"runner"}, {"planning", "stages", "sweep"}, {"sweep_picture"}],
     "benchmarks": [
         {"options", "references", "results"},
         {"frame"},

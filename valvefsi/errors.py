@@ -58,6 +58,10 @@ class SurroundingsError(ValvefsiError, RuntimeError):
     """The disk, a folder, the memory or another process failed a run; the case has no part in it."""
 
 
+class StudyError(ValvefsiError, RuntimeError):
+    """Members of a study failed; the others are done."""
+
+
 class Stopped(ValvefsiError):
     """A run was asked to stop by a signal, and has written a checkpoint.
 

@@ -1,7 +1,8 @@
-"""The commands: run a case, print the keys of case files, compare runs and records, run benchmarks.
+"""The commands: run a case or a sweep, print the keys of case files, compare runs and records, run benchmarks.
 
-Exit codes: 0 done, 2 a case or an option cannot be used, 3 the run failed (ConvergenceError, StabilityError), 4 the
-surroundings failed (disk, folder, memory), 130 interrupted, 143 terminated, 1 a fault of the program itself.
+Exit codes: 0 done, 2 a case or an option cannot be used, 3 the run failed (ConvergenceError, StabilityError) or members
+did (StudyError), 4 the surroundings failed (disk, folder, memory), 130 interrupted, 143 terminated, 1 a fault of the
+program itself.
 In a parallel run rank 0 speaks for all. What computes is imported by the command that needs it, so that ``--help``
 is quick.
 """
@@ -28,6 +29,7 @@ from valvefsi.cli.movie import movie
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
+from valvefsi.cli.sweep import sweep
 from valvefsi.errors import CaseError, Stopped, SurroundingsError, ValvefsiError, reason_of
 
 PATIENCE, GRACE = 5.0, 0.5
@@ -45,6 +47,7 @@ app = typer.Typer(
     **HELP,
 )
 app.command()(run)
+app.command()(sweep)
 app.command()(case)
 app.command()(plot)
 app.command()(movie)

@@ -90,19 +90,25 @@ class Progress:
 
     def _open(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, TaskProgressColumn, TextColumn
-        from rich.progress import Progress as Bars
 
         self.console = self.console or Console()
-        if not self.console.is_terminal:
-            return
-        title, text, left = (
-            TextColumn(style)
-            for style in ("[bold]{task.description}", "{task.fields[text]}", "[cyan]{task.fields[left]} left")
-        )
-        self.live = Bars(title, BarColumn(), TaskProgressColumn(), text, left, console=self.console)
-        self.task = self.live.add_task(self.title, total=1.0, text="", left="...")
-        self.live.start()
+        if self.console.is_terminal:
+            self.live, self.task = open_bar(self.console, self.title)
+
+
+def open_bar(console: Console, title: str) -> tuple[Bars, TaskID]:
+    """Return a bar that has begun: its part done is of 1, its fields are ``text`` and ``left``, a time."""
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+    from rich.progress import Progress as Bars
+
+    heading, text, left = (
+        TextColumn(style)
+        for style in ("[bold]{task.description}", "{task.fields[text]}", "[cyan]{task.fields[left]} left")
+    )
+    live = Bars(heading, BarColumn(), TaskProgressColumn(), text, left, console=console)
+    task = live.add_task(title, total=1.0, text="", left="...")
+    live.start()
+    return live, task
 
 
 def _newest(info: Mapping[str, object]) -> list[tuple[str, object]]:

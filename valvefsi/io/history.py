@@ -16,6 +16,9 @@ from valvefsi.errors import CaseError, raise_together
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+TAIL = 1 << 16
+"""Bytes at the end of a history in which its last row is looked for."""
+
 
 class History:
     """Appends rows to a CSV file, on rank 0.
@@ -98,6 +101,24 @@ def read_history(path: Path) -> dict[str, list[float]]:
     """Return the columns of a history by name, "step" included."""
     columns, rows = _read_rows(Path(path))
     return {name: [float(row[k]) for row in rows] for k, name in enumerate(columns)}
+
+
+def last_row(path: Path) -> dict[str, float]:
+    """Return the last whole row of a history that may be growing, by column; empty where there is none yet."""
+    try:
+        with Path(path).open("rb") as file:
+            heading = file.readline()
+            file.seek(max(len(heading), file.seek(0, os.SEEK_END) - TAIL))
+            lines = file.read().decode(errors="replace").split("\n")[:-1]
+    except FileNotFoundError:
+        return {}
+    columns = heading.decode(errors="replace").rstrip("\r\n").split(",")
+    for line in reversed(lines):
+        with contextlib.suppress(ValueError):
+            row = [float(value) for value in line.split(",")]
+            if len(row) == len(columns):
+                return dict(zip(columns, row, strict=True))
+    return {}
 
 
 def _read_rows(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import signal
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -27,6 +26,7 @@ from valvefsi.run.schedule import AdaptiveSchedule, Schedule, check_end
 from valvefsi.run.stable_step import stable_step
 from valvefsi.runtime.clock import Timed
 from valvefsi.runtime.memory import keep_freed_memory
+from valvefsi.runtime.signals import collected_signals
 from valvefsi.types import Array, Progress
 
 MEASURED_PRODUCTS = 8
@@ -121,7 +121,7 @@ class Simulation:
             else:
                 self._record(recorder, None, state)
             started = time.perf_counter()
-            with _signals() as received:
+            with collected_signals() as received:
                 state = self._march(state, recorder, received, progress)
             wall = time.perf_counter() - started
             with self._clock("output"):
@@ -318,23 +318,6 @@ class Simulation:
 
 def _place(place: Array, dim: int) -> str:
     return "(" + ", ".join(f"{x:.4g}" for x in place[:dim]) + ") cm"
-
-
-@contextlib.contextmanager
-def _signals() -> Iterator[list[int]]:
-    """Collect SIGTERM and SIGINT in a list instead of letting them end the process."""
-    received: list[int] = []
-    old = {}
-    try:
-        for number in (signal.SIGTERM, signal.SIGINT):
-            old[number] = signal.signal(number, lambda n, _: received.append(n))
-    except ValueError:  # not the main thread: leave signals alone
-        pass
-    try:
-        yield received
-    finally:
-        for number, handler in old.items():
-            signal.signal(number, handler)
 
 
 def timed(model: Model, table: dict[str, float]) -> Model:

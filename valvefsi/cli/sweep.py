@@ -1,0 +1,151 @@
+"""``valvefsi sweep``: a case for several values of its keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from valvefsi.cli.fit_output import console
+from valvefsi.cli.option_groups import options_of
+from valvefsi.cli.options import Out, Set, Trust
+from valvefsi.cli.progress import format_time
+from valvefsi.cli.tables import number, print_table
+from valvefsi.errors import StudyError
+
+if TYPE_CHECKING:
+    from valvefsi.case import Case
+    from valvefsi.studies.members import Outcome
+    from valvefsi.studies.sweep import Sweep
+
+MOST = 4
+"""Numbers of a member that are printed."""
+FEW = 3
+"""Failed members that the last message names."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepCommand:
+    """Arguments and options of ``sweep``."""
+
+    case: Annotated[Path, typer.Argument(metavar="CASE.toml", help="The case file.")]
+    over: Annotated[
+        list[str],
+        typer.Option(
+            "--over",
+            metavar="KEY=VALUE,...",
+            help="The values of a key, such as time.dt='1 ms,2 ms'. Repeatable: all combinations are run.",
+        ),
+    ]
+    overrides: Set = None
+    out: Out = None
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the study in the folder; more values may join it.")
+    ] = False
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Run anew what the folder holds.")] = False
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", metavar="N", help="Members that run at once; one a core if left out."),
+    ] = None
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Print steps and expected time of each member; do not run.")
+    ] = False
+    trust: Trust = False
+
+
+@options_of(SweepCommand)
+def sweep(options: SweepCommand) -> None:
+    """Run a case for several values of its keys, and put the members' numbers into one table and picture.
+
+    Each member is a run of its own, in a folder of its name; as many run at once as there are cores. The folder gets
+    sweep.csv, sweep.json and sweep.png. Ctrl-C stops the members, each with a checkpoint.
+    """
+    from valvefsi.studies.members import read_cases
+    from valvefsi.studies.sweep import make_sweep
+
+    study = make_sweep(options.over, options.overrides or [])
+    cases = read_cases(options.case, study.members, trust=options.trust)
+    folder = options.out or Path("results") / f"sweep-{options.case.stem}"
+    if options.plan:
+        _plan(options, cases, folder)
+        return
+    _run(options, study, cases, folder)
+
+
+def _plan(options: SweepCommand, cases: Mapping[str, Case], folder: Path) -> None:
+    """Print what each member will take."""
+    from mpi4py import MPI
+
+    from valvefsi.cli.bench_progress import announced
+    from valvefsi.studies.planning import plan_members, time_of_all
+    from valvefsi.studies.runner import cores
+
+    with announced(MPI.COMM_WORLD) as said:
+        plans = plan_members(cases, folder, lambda name, done, total: said(name, done, total, None))
+    least = {plan.name: ">= " * (cases[plan.name].time.control == "adaptive") for plan in plans}
+    rows = [
+        (
+            plan.name,
+            f"{plan.cells}",
+            f"{least[plan.name]}{plan.steps}",
+            f"{plan.dt:.4g}",
+            format_time(plan.time),
+        )
+        for plan in plans
+    ]
+    sides = {"member": "left", "cells": "right", "steps": "right", "time step (s)": "right"}
+    print_table(console(), "plan", {**sides, "expected time": "right"}, rows)
+    jobs = options.jobs or cores()
+    whole = format_time(time_of_all([plan.time for plan in plans], jobs))
+    typer.echo(f"{len(plans)} members, {jobs} at once: {whole}, without start-up and output")
+
+
+def _run(options: SweepCommand, study: Sweep, cases: Mapping[str, Case], folder: Path) -> None:
+    from valvefsi.cli.study_progress import StudyProgress
+    from valvefsi.studies.runner import run_members
+    from valvefsi.studies.sweep import write_tables
+    from valvefsi.studies.sweep_picture import draw_sweep
+
+    with StudyProgress(options.case.stem) as progress:
+        outcomes = run_members(
+            options.case,
+            study.members,
+            folder,
+            jobs=options.jobs,
+            resume=options.resume,
+            overwrite=options.overwrite,
+            trust=options.trust,
+            progress=progress,
+        )
+    write_tables(options.case, study, outcomes, folder)
+    picture = draw_sweep(study, cases, outcomes, folder / "sweep.png")
+    _show(study, outcomes)
+    also = "" if picture is None else f", {picture.name}"
+    typer.echo(f"results in {folder / 'sweep.csv'}{also}")
+    failed = [outcome for outcome in outcomes if outcome.state == "failed"]
+    if failed:
+        said = "; ".join(
+            f"{outcome.member.name}: {outcome.message} ({outcome.log})" for outcome in failed[:FEW]
+        )
+        more = "; and more, see sweep.json" if len(failed) > FEW else ""
+        raise StudyError(f"{len(failed)} of {len(outcomes)} members failed: {said}{more}")
+
+
+def _show(study: Sweep, outcomes: list[Outcome]) -> None:
+    """Print the members with their values and a few of their numbers."""
+    from valvefsi.studies.sweep_picture import varying
+
+    numbers = dict(list(varying([outcome.summary for outcome in outcomes]).items())[:MOST])
+    sides = {"member": "left", "": "left", **dict.fromkeys(numbers, "right")}
+    rows = [
+        (outcome.member.name, outcome.state, *(_cell(float(values[k])) for values in numbers.values()))
+        for k, outcome in enumerate(outcomes)
+    ]
+    print_table(console(), "members", sides, rows)
+
+
+def _cell(value: float) -> str:
+    return "-" if value != value else number(value)
