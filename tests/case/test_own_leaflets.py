@@ -218,8 +218,8 @@ def test_a_tube_from_a_file_is_the_housing(leaflets, folder):
         case, build(case, folder).model.grid, check_leaflets(case, {0: solid_mesh(case, 0, MPI.COMM_WORLD)})
     )
     bare = own(leaflets, housing.replace(", stent = 'leaflets'", ""), steps=2)
-    for d, rows in enumerate(filling.transfer.rows):
-        faces = filling.X[rows] - 0.1 * (np.arange(3) == d)
+    for d, volumes in enumerate(filling.transfer.volumes.T):
+        faces = filling.X[volumes > 0.0] - 0.1 * (np.arange(3) == d)
         assert np.hypot(faces[:, 0], faces[:, 1]).min(initial=np.inf) > 1.25 * np.cos(np.pi / 96) + 0.099
     alone, _ = build_rigid(bare, build(bare, folder).model.grid)
     r, z = np.hypot(alone.points[:, 0], alone.points[:, 1]), alone.points[:, 2]
