@@ -31,9 +31,8 @@ SHORT = 512
 ROW = 2 * BLOCK
 """Entries in a row of scratch. A constant, for the compiler then knows that rows do not overlap."""
 
-INDEX = (
-    np.uint64
-)  # of a place that is not negative: no code for counting from the end, half the time of `limit`
+INDEX = np.uint64
+"""Of a place that is not negative: no code for counting from the end, half the time of `limit`."""
 
 kernel = numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 inlined = numba.njit(cache=True, forceinline=True, fastmath={"contract", "nsz"}, error_model="numpy")

@@ -15,9 +15,8 @@ Weights = tuple[float, float, float]
 """Time over density and those of the advection terms, k, a, b."""
 
 kernel = numba.njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
-INDEX = (
-    np.uint64
-)  # of a place that is not negative: no code for counting from the end, which keeps loops from vectors
+INDEX = np.uint64
+"""Of a place that is not negative: no code for counting from the end, which keeps loops from becoming vectors."""
 
 
 @kernel
