@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.coupled_case import block_model, coupled, moved, simulation
+from tests.coupled_case import block_model, coupled, moved, simulation, slipping
 from valvefsi import fsi
 from valvefsi.benchmarks.immersed.cavity_solids import DiskInCavity
 from valvefsi.bodies.elastic_plan import LONGEST_GAP
+from valvefsi.bodies.slip import DarcySlip, UnresolvedSlip
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.geometry.shapes import box, rectangle
 from valvefsi.run.health import Health
@@ -56,6 +57,15 @@ def test_a_stretched_solid_is_warned_of_once_with_ratio_and_remedy(comm):
     )
     assert found["solid"] == "block"
     assert found["largest_gap_per_h"] == pytest.approx(1.6)
+
+
+@pytest.mark.parametrize(("law", "elemental"), [(DarcySlip, True), (UnresolvedSlip, False)])
+def test_a_law_of_slip_that_is_for_nodes_alone_is_not_sent_to_elements(law, elemental):
+    health = Health(slipping(block_model(cells=16), 1e-4, law))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        health.look(stretched(slipping(block_model(cells=16), 1e-4, law), 1.6))
+    assert ("elemental" in health.report()[0]["text"]) == elemental
 
 
 def test_points_that_follow_the_elements_are_not_warned_of():

@@ -170,7 +170,10 @@ class Elastic(BodyBase):
     @property
     def remedy(self) -> str:
         """What to do against points too far apart."""
-        return 'refine the mesh or take coupling = "elemental"' if self.coupling.nodal else "lower point_gap"
+        if not self.coupling.nodal:
+            return "lower point_gap"
+        other = ' or take coupling = "elemental"' if self.slip is None or self.slip.elemental else ""
+        return f"refine the mesh{other}"
 
     def follow(self, at: tuple[float, ...]) -> Callable[[Table], Array]:
         """Return the displacement ``(3,)`` [cm] of the node nearest to ``at`` by state (collective)."""

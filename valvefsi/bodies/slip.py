@@ -6,7 +6,7 @@ Both take energy from the body and none from the fluid: the power F . V is not n
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
@@ -15,7 +15,13 @@ if TYPE_CHECKING:
 
 
 class Slip(Protocol):
-    """A law of slip, linear in the forces and symmetric."""
+    """A law of slip, linear in the forces and symmetric.
+
+    Attributes:
+        elemental: Whether it is one for elemental coupling, too.
+    """
+
+    elemental: ClassVar[bool]
 
     def velocity(self, F: Array, transfer: Transfer) -> Array:
         """Return the velocity at which points slip through the fluid, ``(n, 3)`` [cm/s] (collective).
@@ -46,6 +52,7 @@ class DarcySlip:
 
     permeability: float
     weights: Array
+    elemental: ClassVar[bool] = True
 
     def velocity(self, F: Array, transfer: Transfer) -> Array:
         """Return the velocity at which points slip through the fluid, see `Slip`."""
@@ -76,6 +83,7 @@ class UnresolvedSlip:
 
     permeability: float
     weights: Array
+    elemental: ClassVar[bool] = False
 
     def velocity(self, F: Array, transfer: Transfer) -> Array:
         """Return the velocity at which points slip through the fluid, see `Slip`."""
