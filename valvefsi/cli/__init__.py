@@ -25,6 +25,7 @@ from valvefsi.cli.compare import compare
 from valvefsi.cli.fit import fit
 from valvefsi.cli.mesh import mesh
 from valvefsi.cli.movie import movie
+from valvefsi.cli.new import new
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
@@ -44,6 +45,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     **HELP,
 )
+app.command()(new)
 app.command()(run)
 app.command()(case)
 app.command()(plot)
