@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 from typing import Any
@@ -151,7 +152,8 @@ def run_case(
         progress: Called after every step.
 
     Returns:
-        The last row of the history and the timing.
+        The last row of the history and the timing, as in ``summary.json``; of a run that had ended already, those of
+        its summary, which stays, and ``finished``.
 
     Note:
         Collective.
@@ -164,6 +166,9 @@ def run_case(
             clear(out, comm)
         write_case(case, out, comm, changes)
         outcome = simulation.run(resume=resume, progress=progress)
+        ended = None if outcome.steps or changes else _summary(out, comm)
+        if ended is not None:
+            return {**ended, "finished": True}
         last = simulation.pictures(outcome.state, title=case.title)
         result = {"last": last, "timing": outcome.timing(simulation.model.grid)}
         if changes:
@@ -175,6 +180,16 @@ def run_case(
             result |= report_valve(case, out)
             write_text(out / "summary.json", json.dumps(result, indent=2) + "\n")
     return result
+
+
+def _summary(out: Path, comm: MPI.Comm) -> dict[str, object] | None:
+    """Return the summary of a run that has ended, None where there is none. Collective."""
+    found = None
+    if comm.rank == 0:
+        with contextlib.suppress(OSError, ValueError):
+            found = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    summary: dict[str, object] | None = comm.bcast(found, root=0)
+    return summary
 
 
 def build_solid(case: Case, number: int, comm: MPI.Comm, mesh: SolidMesh | None = None) -> Structure:
