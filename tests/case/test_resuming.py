@@ -147,19 +147,6 @@ def test_every_file_of_a_resumed_run_is_that_of_the_uninterrupted_one(step, tmp_
     assert differences(out, whole) == {}
 
 
-def test_a_finished_run_that_is_resumed_says_so_and_keeps_its_summary(tmp_path):
-    out = tmp_path / "run"
-    first = run_case(case_with(), out=out, comm=SELF)
-    before = (out / "summary.json").read_bytes()
-    again = run_case(case_with(), out=out, resume=True, comm=SELF)
-    assert again["finished"] is True
-    assert (again["last"], again["timing"]["steps"]) == (first["last"], 40)
-    assert (out / "summary.json").read_bytes() == before
-    (out / "summary.json").unlink()  # killed before it was written: it is made up for
-    assert "finished" not in run_case(case_with(), out=out, resume=True, comm=SELF)
-    assert (out / "summary.json").exists()
-
-
 def test_changes_stay_known_over_several_resumes(tmp_path):
     out = broken_off(tmp_path / "run")
     with pytest.raises(Stopped):
