@@ -245,7 +245,7 @@ class Rank:
 def shown(monkeypatch, rank=0, terminal=False, width=200, title="block"):
     clock = iter(range(0, 10000))
     monkeypatch.setattr(progress_module.time, "perf_counter", lambda: float(next(clock)))
-    console = Console(file=io.StringIO(), force_terminal=terminal, width=width)
+    console = Console(file=io.StringIO(), force_terminal=terminal, width=width, _environ={"TERM": "xterm"})
     with progress_module.Progress(Rank(rank), title, console) as progress:
         for step in range(1, 22):
             progress(
@@ -311,6 +311,15 @@ def test_bar_percent_and_time_left_stay_on_a_narrow_terminal(monkeypatch, width,
     last = [without_styles(line).rstrip() for line in lines if "t = " in line][-1]
     assert len(last) <= width
     assert re.fullmatch(rf"a long .*… ━{{12}} 100% in 20 s {numbers}", last)
+
+
+def test_a_terminal_that_understands_no_escape_codes_gets_plain_lines():
+    console = Console(file=io.StringIO(), force_terminal=True, width=100, _environ={"TERM": "dumb"})
+    with progress_module.Progress(Rank(0), "block", console) as progress:
+        progress(1, 0.4, 0.8)
+        progress(2, 0.8, 0.8)
+    assert "\x1b" not in console.file.getvalue()
+    assert console.file.getvalue().startswith("100.0 %")
 
 
 def test_the_longest_time_left_fits_beside_title_and_numbers():

@@ -70,7 +70,7 @@ def in_units(row: Mapping[str, float], units: str) -> list[tuple[str, str, str]]
 def _ended(result: Mapping[str, Any], timing: Mapping[str, Any]) -> list[str]:
     """Say how long it took, or that there was nothing to do."""
     if result.get("finished"):
-        return ["this run is finished: nothing was computed, its files are as they were"]
+        return ["this run is finished: nothing was computed, its summary and pictures are as they were"]
     if "wall_s" not in timing:
         return []
     rate = timing.get("cell_steps_per_s", 0.0)

@@ -100,7 +100,7 @@ class Progress:
         from rich.progress import Progress as Bars
 
         self.console = self.console or Console()
-        if not self.console.is_terminal:
+        if not self.console.is_terminal or self.console.is_dumb_terminal:
             return
         title, left, text = (
             TextColumn(text, style=style, markup=False)

@@ -66,7 +66,7 @@ def _first_line(case: Case, name: str) -> str:
     steps = max(1, round(case.time.t_end / case.dt))
     return (
         f"{case.title or name}: {cells} cells of {10.0 * case.grid.spacing:.4g} mm, {steps} steps of "
-        f"{1e3 * case.dt:.4g} ms; building, which takes a minute the first time ..."
+        f"{1e3 * case.dt:.4g} ms\nbuilding it; the first time this takes a minute ..."
     )
 
 
