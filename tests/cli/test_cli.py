@@ -218,6 +218,20 @@ def test_a_run_ends_with_numbers_in_units_and_what_to_do_next(tmp_path, capsys, 
     assert capsys.readouterr().out == ""
 
 
+def test_a_valve_ends_with_its_numbers_and_what_is_plausible(tmp_path, capsys):
+    within = {"from": 2.0, "to": 20.0, "unit": "mmHg"}
+    numbers = {
+        "mean difference": within | {"value": 12.0, "plausible": True},
+        "closing volume": within | {"value": 30.0, "plausible": False},
+        "leakage volume": within | {"value": None, "plausible": None},
+    }
+    show_run({"last": LAST, "valve": {"plausible": numbers}}, Rank(0), tmp_path)
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "mean difference 12 mmHg" in lines
+    assert "closing volume 30 mmHg plausible are 2 to 20" in lines
+    assert not [line for line in lines if "leakage" in line]
+
+
 def test_a_run_that_had_ended_says_so(tmp_path, capsys):
     show_run({"last": LAST, "timing": {"steps": 7, "wall_s": 75.0}, "finished": True}, Rank(0), tmp_path)
     text = capsys.readouterr().out

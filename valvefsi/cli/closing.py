@@ -48,6 +48,11 @@ def show_run(result: Mapping[str, Any], comm: MPI.Comm, folder: Path, *, units: 
     if "last" in result:
         headings = {"quantity": "left", "value": "right", "unit": "left"}
         print_table(console, "at the end", headings, in_units(result["last"], units))
+    plausible = result.get("valve", {}).get("plausible", {})
+    rows = [_judged(name, found) for name, found in plausible.items() if found["value"] is not None]
+    if rows:
+        headings = {"the valve, last cycle": "left", "value": "right", "unit": "left", "": "left"}
+        print_table(console, "", headings, rows)
     again = [f"recovery: {found['reason']}" for found in timing.pop("recoveries", ())]
     again += [f"warning: {found['text']}" for found in timing.pop("warnings", ())]
     print_lines(console, [*again, *_ended(result, timing), *_on_disk(folder), *_next(result, folder)])
@@ -65,6 +70,12 @@ def in_units(row: Mapping[str, float], units: str) -> list[tuple[str, str, str]]
     for _, value, unit in found:
         largest[unit] = max(largest.get(unit, 0.0), abs(value))
     return [(n, number(0.0 if abs(v) < NOTHING * largest[unit] else v), unit) for n, v, unit in found]
+
+
+def _judged(name: str, found: Mapping[str, Any]) -> tuple[str, str, str, str]:
+    """Return the cells of a number of a valve, with what is plausible where it is not."""
+    verdict = "" if found["plausible"] else f"plausible are {found['from']:g} to {found['to']:g}"
+    return name, number(found["value"]), found["unit"], verdict
 
 
 def _ended(result: Mapping[str, Any], timing: Mapping[str, Any]) -> list[str]:
