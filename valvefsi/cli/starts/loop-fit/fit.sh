@@ -8,9 +8,10 @@ set -e
 # Pictures: fit.png (record and fit), profiles.png (how sharply the record fixes each parameter).
 valvefsi fit windkessel loop.csv --circuit downstream --out downstream
 
-# Upstream: the ventricle's pressure from the pump's pressure behind an impedance adapter; the pump's own
-# pressure is worked out where it was not recorded.
-valvefsi fit windkessel loop.csv --circuit upstream-porcine --out upstream
+# Upstream: the pump's pressure behind an impedance adapter. This record has no p_pump; with the adapter's values
+# given it is worked out from q_lv and p_lv, and nothing is fitted. With a column p_pump leave --fix and --smooth out.
+valvefsi fit windkessel loop.csv --circuit upstream-porcine \
+    --fix R_1=0.1 --fix R_2=0.04 --fix C_VIA=0.3 --smooth 0.03 --out upstream
 
 # What to change for a record of your own:
 #   --column p_ao=P1:kPa                  a column that has another name and unit
