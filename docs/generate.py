@@ -197,7 +197,7 @@ def commands() -> str:
             )
             if option.name == "help":
                 continue
-            help_text = getattr(option, "help", None) or ""
+            help_text = (getattr(option, "help", None) or "").replace(r"\[", "[")
             default = (
                 ""
                 if option.default in (None, False, [], ()) or callable(option.default)

@@ -3,9 +3,11 @@
 import errno
 import io
 import os
+import re
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 import typer.testing
@@ -14,9 +16,11 @@ from rich.console import Console
 
 import valvefsi
 from valvefsi import cli
+from valvefsi.bodies.body import Entry
 from valvefsi.case import case_defaults, load_case
 from valvefsi.cli import progress as progress_module
-from valvefsi.cli.tables import show_result
+from valvefsi.cli.closing import show_run
+from valvefsi.cli.tables import planned, show_result
 
 RUNNER = typer.testing.CliRunner()
 
@@ -46,7 +50,8 @@ build = types.ModuleType("valvefsi.case.build")
 def run_case(case, *, out, comm, progress, **options):
     {body}
 build.run_case = run_case
-entry = types.SimpleNamespace(quantity="elastic step limit", value=0.0125, unit="s", note="[block]")
+from valvefsi.bodies.body import Entry
+entry = Entry(quantity="elastic step limit", value=0.0125, unit="s", note="[block]")
 build.plan_case = lambda case, comm, out: {{"plan": [entry]}}
 sys.modules["valvefsi.case.build"] = build
 from valvefsi.cli import main
@@ -167,28 +172,80 @@ def test_only_rank_0_speaks(file):
     assert python(MAIN, "rn", ranks=2).stderr.count("No such command") == 1
 
 
-def test_a_result_is_shown_against_its_reference(file):
-    row = "{'quantity': 'u_y', 'computed': -3.96, 'reference': -3.9212, "
-    row += "'difference_percent': -0.99, 'unit': 'cm'}"
-    timing = "{'wall_s': 12.5, 'phases': {'solve': 3.0}}"
-    body = f"return {{'benchmark': 'b', 'table': [{row}], 'timing': {timing}}}"
-    answer = python(FAKE.format(body=body), "run", file, "--out", "somewhere")
-    line = next(line for line in answer.stdout.splitlines() if "u_y" in line)
+def test_a_result_is_shown_against_its_reference(capsys):
+    row = {"quantity": "u_y", "computed": -3.96, "reference": -3.9212, "unit": "cm"}
+    timing = {"wall_s": 12.5, "phases": {"solve": 3.0}}
+    result = {"benchmark": "b", "table": [row | {"difference_percent": -0.99}], "timing": timing}
+    show_result(result, Rank(0), Path("somewhere"))
+    lines = capsys.readouterr().out.splitlines()
+    line = next(line for line in lines if "u_y" in line)
     assert line.split() == ["u_y", "-3.96", "-3.9212", "-0.99", "%", "cm"]
-    assert answer.stdout.splitlines()[-2:] == ["wall_s: 12.5", "results in somewhere"]
+    assert lines[-2:] == ["wall_s: 12.5", "results in somewhere"]
 
 
-def test_the_end_of_a_run_is_shown_as_a_table(file):
-    body = "return {'last': {'t_s': 0.5, 'courant': 0.125}, 'timing': {'steps': 7, 'phases': {'solve': 3.0}}}"
-    lines = python(FAKE.format(body=body), "run", file, "--out", "somewhere").stdout.splitlines()
-    assert [line.split() for line in lines if "courant" in line] == [["courant", "0.125"]]
-    assert lines[-2:] == ["steps: 7", "results in somewhere"]
+LAST = {
+    "t_s": 0.5,
+    "courant": 0.125,
+    "u_x_tip_cm": 0.25,
+    "u_y_tip_cm": 1e-13,
+    "pressure_in_dyn_per_cm2": 13332.236842105262,
+    "flow_in_cm3_per_s": 12.0,
+    "q_z_upper_ml_s": 3.0,
+    "kinetic_energy_erg": 5e4,
+    "beam_area_change_percent": -0.5,
+}
+
+
+@pytest.mark.parametrize(
+    ("units", "words"),
+    [
+        ("lab", ["u x tip 2.5 mm", "u y tip 0 mm", "pressure in 10 mmHg", "flow in 12 ml/s"]),
+        ("lab", ["t 0.5 s", "courant 0.125", "kinetic energy 5 mJ", "beam area change -0.5 %"]),
+        ("lab", ["q z upper 3 ml/s"]),
+        ("cgs", ["u x tip 0.25 cm", "pressure in 13332 dyn/cm^2", "flow in 12 cm^3/s"]),
+    ],
+)
+def test_a_run_ends_with_numbers_in_units_and_what_to_do_next(tmp_path, capsys, units, words):
+    (tmp_path / "flow.png").write_bytes(b"")
+    timing = {"steps": 7, "wall_s": 75.0, "warnings": [{"text": "too coarse"}], "phases": {"solve": 3.0}}
+    show_run({"last": LAST, "timing": timing}, Rank(0), tmp_path, units=units)
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert set(words) <= set(lines)
+    assert "7 steps in 1 min 15 s" in lines
+    assert {"warning: too coarse", f"results in {tmp_path}", "pictures: flow.png"} <= set(lines)
+    assert lines[lines.index("next:") + 1] == f"valvefsi plot {tmp_path}"
+    show_run({"last": LAST}, Rank(1), tmp_path)
+    assert capsys.readouterr().out == ""
+
+
+def test_a_valve_ends_with_its_numbers_and_what_is_plausible(tmp_path, capsys):
+    within = {"from": 2.0, "to": 20.0, "unit": "mmHg"}
+    numbers = {
+        "mean difference": within | {"value": 12.0, "plausible": True},
+        "closing volume": within | {"value": 30.0, "plausible": False},
+        "leakage volume": within | {"value": None, "plausible": None},
+    }
+    show_run({"last": LAST, "valve": {"plausible": numbers}}, Rank(0), tmp_path)
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "mean difference 12 mmHg" in lines
+    assert "closing volume 30 mmHg plausible are 2 to 20" in lines
+    assert not [line for line in lines if "leakage" in line]
+
+
+def test_a_run_that_had_ended_says_so(tmp_path, capsys):
+    show_run({"last": LAST, "timing": {"steps": 7, "wall_s": 75.0}, "finished": True}, Rank(0), tmp_path)
+    text = capsys.readouterr().out
+    assert "this run is finished: nothing was computed" in text
+    assert "7 steps" not in text
 
 
 def test_a_plan_is_shown_and_nothing_is_run(file):
     plan = python(FAKE.format(body="raise RuntimeError"), "run", file, "--plan")
     line = next(line for line in plan.stdout.splitlines() if "step limit" in line)
     assert line.split() == ["elastic", "step", "limit", "0.0125", "s", "[block]"]
+    assert plan.stdout.splitlines()[0].startswith(
+        "compressed block in a box of fluid: 64 x 64 cells of 6.25 mm"
+    )
     assert "results in" not in plan.stdout
 
 
@@ -199,11 +256,11 @@ class Rank:
         self.rank = rank
 
 
-def shown(monkeypatch, rank=0, terminal=False):
+def shown(monkeypatch, rank=0, terminal=False, width=200, title="block"):
     clock = iter(range(0, 10000))
     monkeypatch.setattr(progress_module.time, "perf_counter", lambda: float(next(clock)))
-    console = Console(file=io.StringIO(), force_terminal=terminal, width=200)
-    with progress_module.Progress(Rank(rank), "block", console) as progress:
+    console = Console(file=io.StringIO(), force_terminal=terminal, width=width, _environ={"TERM": "xterm"})
+    with progress_module.Progress(Rank(rank), title, console) as progress:
         for step in range(1, 22):
             progress(
                 step,
@@ -232,6 +289,63 @@ def test_the_step_shown_is_a_step_that_was_taken(monkeypatch):
             progress(step, t, 2.0)
     steps = [line.partition("dt ")[2].split()[0] for line in console.file.getvalue().splitlines()]
     assert steps == ["0.1", "0.1", "0.05"]  # until it is further than at first there is no time left to tell
+
+
+def test_a_sum_of_steps_that_misses_the_end_by_round_off_is_at_the_end():
+    console = Console(file=io.StringIO(), width=200)
+    with progress_module.Progress(Rank(0), "block", console) as progress:
+        progress(1, 0.4, 0.8)
+        progress(2, 0.8 * (1 - 1e-12), 0.8)
+    assert console.file.getvalue().startswith("100.0 %  t = 0.8 of 0.8 s, step 2, done in ")
+
+
+def test_a_plan_has_one_unit_for_all_steps_and_times_as_people_say_them():
+    entries = [
+        Entry(quantity="time step", value=2.8e-5, unit="s"),
+        Entry(quantity="step limit", value=1.5e-4, unit="s", note="a bound"),
+        Entry(quantity="expected time", value=5832.6, unit="s", wall=True),
+        Entry(quantity="on 64 ranks", value=174.0, unit="s", wall=True),
+    ]
+    assert planned(entries) == [
+        ("time step", "28", "us", ""),
+        ("step limit", "150", "us", "a bound"),
+        ("expected time", "1 h 37 min", "", ""),
+        ("on 64 ranks", "2 min 54 s", "", ""),
+    ]
+    assert planned([Entry(quantity="time step", value=0.00625, unit="s")])[0][1:3] == ("6.25", "ms")
+
+
+@pytest.mark.parametrize(
+    ("width", "numbers"),
+    [(60, "t = 2.1 of 2.1 s"), (80, "t = 2.1 of 2.1 s, step 21"), (120, "t = .*, courant 0.25, a 1, b 2")],
+)
+def test_bar_percent_and_time_left_stay_on_a_narrow_terminal(monkeypatch, width, numbers):
+    title = "a long title of a run that nobody can read to its end on any terminal"
+    lines = shown(monkeypatch, terminal=True, width=width, title=title).replace("\r", "\n").splitlines()
+    last = [without_styles(line).rstrip() for line in lines if "t = " in line][-1]
+    assert len(last) <= width
+    assert re.fullmatch(rf"a long .*… ━{{12}} 100% in 20 s {numbers}", last)
+
+
+def test_a_terminal_that_understands_no_escape_codes_gets_plain_lines():
+    console = Console(file=io.StringIO(), force_terminal=True, width=100, _environ={"TERM": "dumb"})
+    with progress_module.Progress(Rank(0), "block", console) as progress:
+        progress(1, 0.4, 0.8)
+        progress(2, 0.8, 0.8)
+    assert "\x1b" not in console.file.getvalue()
+    assert console.file.getvalue().startswith("100.0 %")
+
+
+def test_the_longest_time_left_fits_beside_title_and_numbers():
+    numbers = ["t = 0.4436 of 0.857 s", "step 123456", "beat 1 at 52 %"]
+    for width in (80, 100, 200):
+        title, text = progress_module.fitted("pericardial valve, 25 mm, 70 beats a minute", numbers, width)
+        assert len(f"{title} {'━' * 12} 100% 12 h 02 min left {text}") <= width
+    assert (title, text) == ("pericardial valve, 25 mm, 70 beats a minute", ", ".join(numbers))
+
+
+def without_styles(text):
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)
 
 
 def test_on_a_terminal_progress_is_a_bar(monkeypatch):

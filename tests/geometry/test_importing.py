@@ -39,6 +39,11 @@ def test_a_box_of_triangles_is_filled(tmp_path):
     assert numbers["volume_cm3"] == pytest.approx(1.0 * 2.0 * 0.5, rel=1e-9)
     assert numbers["extent_cm"] == pytest.approx([1.0, 2.0, 0.5])
     assert numbers["tags"] == [*(f"surface_{k}" for k in range(1, 7)), "body"]
+    sides = {tuple(np.rint(p["normal"]).astype(int)): p for p in numbers["patches"].values()}
+    assert len(sides) == 6
+    assert sides[1, 0, 0]["area_cm2"] == pytest.approx(2.0 * 0.5)
+    assert sides[1, 0, 0]["centre_cm"] == pytest.approx([1.0, 1.0, 0.25])
+    assert sides[0, 0, -1]["centre_cm"] == pytest.approx([0.5, 1.0, 0.0])
     mesh = read_mesh(tmp_path / "box.msh", MPI.COMM_SELF)
     assert mesh.dim == 3
     assert mesh.tag("surface_1")[0] == 2
@@ -131,6 +136,10 @@ def test_a_volume_mesh_keeps_its_cells(tmp_path):
     mesh = read_mesh(tmp_path / "block.msh", MPI.COMM_SELF)
     facets = [len(mesh.facet_tags.find(mesh.tag(f"surface_{k}")[1])) for k in range(1, 7)]
     assert sorted(facets) == [2, 2, 3, 3, 6, 6]
+    patches = numbers["patches"]
+    assert sum(patch["area_cm2"] for patch in patches.values()) == pytest.approx(22.0)
+    up = next(patch for patch in patches.values() if patch["normal"][2] > 0.5)
+    assert (up["area_cm2"], up["centre_cm"]) == (pytest.approx(6.0), pytest.approx([1.5, 1.0, 1.0]))
     whole = import_mesh(tmp_path / "block.vtu", tmp_path / "whole.msh", angle=100.0)
     assert whole["tags"] == ["surface_1", "body"]
 

@@ -28,12 +28,14 @@ class Entry:
         value: Its value.
         unit: Unit of the value.
         note: What to make of it.
+        wall: Whether it is a wall-clock time, which is shown as people say it.
     """
 
     quantity: str
     value: float | int | str
     unit: str = ""
     note: str = ""
+    wall: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
-from valvefsi.bodies.body import BodyBase
+from valvefsi.bodies.body import BodyBase, Entry
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.heavy import Heavy
 from valvefsi.bodies.slip import DarcySlip, Slip, UnresolvedSlip
@@ -20,7 +21,7 @@ from valvefsi.case.meshes import solid_mesh
 from valvefsi.case.models import Case, Solid
 from valvefsi.case.reading import load_case
 from valvefsi.case.resuming import clear, provenance_of, run_folder
-from valvefsi.case.sides import build_fluid, build_grid
+from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
 from valvefsi.case.valve import build_rigid, check_leaflets, find_orifice
 from valvefsi.case.valve_report import report_valve
 from valvefsi.case.writing import to_toml
@@ -50,6 +51,8 @@ from valvefsi.solid.structure import Damping, Discretisation, Structure
 from valvefsi.types import Progress
 
 Changes = tuple[dict[str, object], ...]
+CENTRED_MOST = 2.0
+"""Cell Reynolds number above which centred differences of steady advection and diffusion oscillate between cells."""
 
 
 def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD, changes: Changes = ()) -> Simulation:
@@ -129,7 +132,26 @@ def write_case(case: Case, out: Path, comm: MPI.Comm, changes: Changes = ()) -> 
 
 def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, out: Path = Path()) -> dict[str, object]:
     """Return the plan of a case that would run in a folder, see `valvefsi.run.planning`. Collective."""
-    return {"plan": plan(build(case, out, comm))}
+    return {"plan": [*plan(build(case, out, comm)), *cell_reynolds_number(case)]}
+
+
+def cell_reynolds_number(case: Case) -> list[Entry]:
+    """Return the lines of a plan about |u| h rho / mu, with a warning where centred advection gives stripes."""
+    fluid, speed = case.fluid, largest_given_speed(case)
+    one = fluid.viscosity / (fluid.density * case.grid.spacing)
+    if speed == 0.0:
+        return [
+            Entry(quantity="cell Reynolds number is 1 at", value=one, unit="cm/s", note="|u| = mu / (rho h)")
+        ]
+    entry = Entry(
+        quantity="cell Reynolds number",
+        value=speed / one,
+        note=f"|u| h rho / mu at {speed:.4g} cm/s, the largest speed given at a side",
+    )
+    if fluid.advection != "centred" or speed <= CENTRED_MOST * one:
+        return [entry]
+    text = f'centred advection gives stripes far above {CENTRED_MOST:g}: take advection = "xsppm7", or a finer grid'
+    return [entry, Entry(quantity="warning, fluid", value="", note=text)]
 
 
 def run_case(
@@ -154,7 +176,8 @@ def run_case(
         progress: Called after every step.
 
     Returns:
-        The last row of the history and the timing.
+        The last row of the history and the timing, as in ``summary.json``; of a run that had ended already, those of
+        its summary, which stays, and ``finished``.
 
     Note:
         Collective.
@@ -169,6 +192,9 @@ def run_case(
             clear(out, comm)
         write_case(case, out, comm, changes)
         outcome = simulation.run(resume=resume, progress=progress)
+        ended = None if outcome.steps or changes else _summary(out, comm)
+        if ended is not None:
+            return {**ended, "finished": True}
         last = simulation.pictures(outcome.state, title=case.title)
         result = {"last": last, "timing": outcome.timing(simulation.model.grid)}
         if changes:
@@ -200,6 +226,16 @@ def _state_of(folder: Path, case: Case, fine: Simulation) -> State:
         raise CaseError(
             error.reason, file=error.file or case.file, key=error.key, value=error.value
         ) from None
+
+
+def _summary(out: Path, comm: MPI.Comm) -> dict[str, object] | None:
+    """Return the summary of a run that has ended, None where there is none. Collective."""
+    found = None
+    if comm.rank == 0:
+        with contextlib.suppress(OSError, ValueError):
+            found = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    summary: dict[str, object] | None = comm.bcast(found, root=0)
+    return summary
 
 
 def build_solid(case: Case, number: int, comm: MPI.Comm, mesh: SolidMesh | None = None) -> Structure:

@@ -332,8 +332,9 @@ class Fluid(Table):
     density: Density = Field(1.0, gt=0, description="Density rho")
     viscosity: Viscosity = Field(0.01, gt=0, description="Dynamic viscosity mu")
     advection: Literal["centred", "xsppm7"] = Field(
-        "centred",
-        description='Advection scheme, "centred" or "xsppm7" (upwind, for thin layers; keep |u| dt/h below 0.3)',
+        "xsppm7",
+        description='Advection scheme, "xsppm7" (upwind; keep |u| dt/h below 0.3) or "centred" (no dissipation of its '
+        "own, but stripes where the cell Reynolds number |u| h rho / mu is far above 2)",
     )
     viscous: Literal["auto", "implicit", "explicit", "coupled"] = Field(
         "auto",

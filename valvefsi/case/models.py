@@ -99,7 +99,10 @@ class Mesh(Table):
         examples=["block.msh"],
     )
     shape: Literal["compressed_block", "rectangle", "box"] | None = Field(
-        None, description='"compressed_block", "rectangle" or "box"; or give file'
+        None,
+        description='"compressed_block", "rectangle" or "box"; or give file. Tags of their facets: x_lower, x_upper, '
+        "y_lower, y_upper (and z_lower, z_upper), of a compressed_block bottom, sides, top_loaded, top_outer; of all "
+        "cells: body, of a compressed_block block",
     )
     lower: tuple[Length, ...] = Field((), description="Lower corner of the shape")
     size: tuple[Annotated[Length, Field(gt=0)], ...] = Field((), description="Edge lengths of the shape")
@@ -361,6 +364,10 @@ class Output(Table):
         ge=0,
         description="Time from which on velocity and pressure are averaged; not at all when left out",
         examples=["0.5 s"],
+    )
+    units: Literal["lab", "cgs"] = Field(
+        "lab",
+        description='Units of the numbers that a run ends with on the terminal: "lab" (mm, mmHg, ml/s, mJ) or "cgs"',
     )
     section: tuple[Section, ...] = Field((), description="Planes and disks whose flow the history holds")
     line: tuple[Line, ...] = Field((), description="Lines along which profiles are written at the end")

@@ -19,7 +19,7 @@ from valvefsi.run.checkpoints import refuse_to_overwrite
 from valvefsi.run.schedule import check_end
 
 FREE = re.compile(
-    r"title|time\.(t_end|max_recoveries)|output\.(frames|history_every|checkpoint_every|checkpoint_wall"
+    r"title|time\.(t_end|max_recoveries)|output\.(frames|units|history_every|checkpoint_every|checkpoint_wall"
     r"|keep_checkpoints)|circuit\.\w+\.(provenance\..*|target_pressure|pump\.cycles_from)"
     r"|solid\.\w+\.material\.preset"
 )

@@ -121,13 +121,41 @@ def _check_balance(case: Case, sides: Mapping[str, boundary.Side]) -> None:
 def _inflow(name: str, velocity: tuple[float, ...] | Velocity, edges: list[Array], t: float) -> float:
     """Return the flow through a wall into the box [cm^3/s, or cm^2/s in two dimensions]."""
     axis, upper = "xyz".index(name[0]), name.endswith("upper")
-    places = [0.5 * (part[1:] + part[:-1]) for part in edges]
-    widths = [np.diff(part) for part in edges]
-    places[axis], widths[axis] = edges[axis][[-1 if upper else 0]], np.ones(1)
-    x, y, z = np.meshgrid(*(places + [np.zeros(1)])[:3], indexing="ij")
-    areas = np.prod(np.meshgrid(*widths, indexing="ij"), axis=0).reshape(x.shape)
-    normal = (velocity(x, y, z, t) if callable(velocity) else velocity)[axis]
+    places, widths = _faces(name, edges), [np.diff(part) for part in edges]
+    widths[axis] = np.ones(1)
+    areas = np.prod(np.meshgrid(*widths, indexing="ij"), axis=0).reshape(places[0].shape)
+    normal = (velocity(*places, t) if callable(velocity) else velocity)[axis]
     return float(np.sum(normal * areas)) * (-1.0 if upper else 1.0)
+
+
+def _faces(name: str, edges: list[Array]) -> tuple[Array, Array, Array]:
+    """Return the middles of the faces of a side, three arrays of one shape [cm]."""
+    axis = "xyz".index(name[0])
+    places = [0.5 * (part[1:] + part[:-1]) for part in edges]
+    places[axis] = edges[axis][[-1 if name.endswith("upper") else 0]]
+    x, y, z = np.meshgrid(*(places + [np.zeros(1)])[:3], indexing="ij")
+    return x, y, z
+
+
+def largest_given_speed(case: Case) -> float:
+    """Return the largest speed that a case gives at its walls, at times spread over the run [cm/s].
+
+    What pressures and circuits will drive is not known before the run.
+    """
+    edges = [np.asarray(part, dtype=float) for part in case.grid.edges]
+    largest = 0.0
+    for name in SIDES[: 2 * case.grid.dim]:
+        given: Side = getattr(case.fluid.sides, name)
+        if given.type != "wall" or not (given.velocity or given.velocity_expression):
+            continue
+        side = _side(given, case, case.grid.dim, f"fluid.sides.{name}")
+        velocity = side.velocity if isinstance(side, boundary.Wall) else ()
+        faces = _faces(name, edges)
+        for t in case.time.t_end * (GOLDEN * np.arange(TIMES) % 1.0):
+            parts = velocity(*faces, float(t)) if callable(velocity) else velocity
+            squares = sum(np.square(np.asarray(part, dtype=float)) for part in parts)
+            largest = max(largest, float(np.sqrt(np.max(squares, initial=0.0))))
+    return largest
 
 
 def _side(side: Side, case: Case, dim: int, key: str) -> boundary.Side:

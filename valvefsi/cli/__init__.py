@@ -23,9 +23,11 @@ import typer
 from valvefsi import __version__
 from valvefsi.cli.bench import bench
 from valvefsi.cli.compare import compare
+from valvefsi.cli.doctor import doctor
 from valvefsi.cli.fit import fit
 from valvefsi.cli.mesh import mesh
 from valvefsi.cli.movie import movie
+from valvefsi.cli.new import new
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
@@ -42,16 +44,17 @@ USAGE_ERROR: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__na
 app = typer.Typer(
     help="Heart-valve mechanics from bench data to a verified simulation.",
     epilog="In parallel: mpirun -n 2 valvefsi run CASE.toml",
-    add_completion=False,
     pretty_exceptions_enable=False,
     **HELP,
 )
+app.command()(new)
 app.command()(run)
 app.command()(sweep)
 app.command()(case)
 app.command()(plot)
 app.command()(movie)
 app.command()(compare)
+app.command()(doctor)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 app.add_typer(mesh, name="mesh")
@@ -78,7 +81,7 @@ def main() -> NoReturn:
     warnings.formatwarning = _one_line
     code = 0
     try:
-        code = app(standalone_mode=False) or 0
+        code = app(standalone_mode=False, prog_name="valvefsi") or 0
         if code == INTERRUPTED:  # some releases of typer turn Ctrl-C into this code, others raise Abort
             raise typer.Abort
     except Stopped as stop:

@@ -15,7 +15,7 @@ import typer
 
 from valvefsi.benchmarks.registry import Entry
 from valvefsi.cli.bench_progress import announced
-from valvefsi.cli.options import HELP, Out, Overwrite, Plan, Resume
+from valvefsi.cli.options import HELP, Out, Overwrite, Plan, Resume, plain
 from valvefsi.cli.tables import show_result
 from valvefsi.errors import CaseError
 
@@ -102,7 +102,7 @@ def command_of(benchmark: type[Command]) -> Callable[..., None]:
         limits: dict[str, Any] = {}
         if kind.annotation in (int, float, int | None):
             limits = {"min": chosen.least, "max": chosen.most}
-        info = typer.Option(flag, help=chosen.help, metavar=chosen.metavar, **limits)
+        info = typer.Option(flag, help=plain(chosen.help), metavar=chosen.metavar, **limits)
         arguments.append(_argument(name, Annotated[kind.annotation, info], kind.default))
     if benchmark.resumable:
         arguments.append(_argument("resume", Resume, False))

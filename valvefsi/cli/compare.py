@@ -163,7 +163,7 @@ def _show(page: Console, result: dict[str, Any]) -> None:
         (name, *(_cell(row[key]) for key in ("a", "b", "difference")), _cell(row["difference_percent"], " %"))
         for name, row in result["numbers"]["rows"].items()
     ]
-    sides = {"number": "left", "A": "right", "B": "right", "A - B": "right", "": "right"}
+    sides = {"number": "left", "A": "right", "B": "right", "A - B": "right", "over B": "right"}
     print_table(page, "numbers of the valve", sides, rows)
     for side, why in result["numbers"].get("missing", {}).items():
         _line(page, f"missing of {side.upper()}: {why}")
@@ -189,7 +189,8 @@ def _norms(page: Console, result: dict[str, Any]) -> None:
     ]
     print_table(page, "A less B over B", {"": "left", **dict.fromkeys(headings, "right")}, rows)
     bound = ", the largest allowed" if result["shift_at_its_bound"] else ""
-    _line(page, f"shift: all of A is moved later by {shift}{bound}")
+    way = "earlier" if result["shift_ms"] < 0.0 else "later"
+    _line(page, f"shift: all of A is moved {way} by {abs(result['shift_ms']):.2f} ms{bound}")
     for side, offset in result["diastolic_offset_ml_per_s"].items():
         if offset is not None:
             _line(

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from valvefsi.cli.options import HELP, not_a_folder
+from valvefsi.cli.options import HELP, not_a_folder, plain
 from valvefsi.errors import CaseError
 
 mesh = typer.Typer(help="Make meshes.", **HELP)
@@ -70,7 +70,7 @@ def import_(
     unit: Annotated[str, typer.Option(help="Length of the file's unit.")] = "1mm",
     size: Annotated[str | None, typer.Option(help="Largest edge of the tetrahedra in a surface.")] = None,
     angle: Annotated[
-        float, typer.Option(min=1.0, max=179.0, help="Turn of the normal at which patches part [deg].")
+        float, typer.Option(min=1.0, max=179.0, help=plain("Turn of the normal at which patches part [deg]."))
     ] = 40.0,
     out: OutMesh = Path("body.msh"),
 ) -> None:
@@ -82,10 +82,21 @@ def import_(
     largest = None if size is None else _length("--size", size)
     with replacing(out) as temporary:
         numbers = import_mesh(file, temporary, scale=_length("--unit", unit), size=largest, angle=angle)
+    patches: Any = numbers.pop("patches")
     for name, value in numbers.items():
-        shown = ", ".join(map(str, value)) if isinstance(value, list) else value
+        shown = ", ".join(map(_short, value)) if isinstance(value, list) else _short(value)
         typer.echo(f"{name:12s} {shown}")
+    for name, patch in patches.items():
+        place = ", ".join(_short(10.0 * x) for x in patch["centre_cm"])
+        normal = ", ".join(f"{x + 0.0:.2f}" for x in patch["normal"])
+        area = f"{100.0 * patch['area_cm2']:.4g} mm^2"
+        typer.echo(f"{name:12s} {area}, middle ({place}) mm, mean normal ({normal})")
     typer.echo(f"written: {out}")
+
+
+def _short(value: object) -> str:
+    """Return a number in few digits, without what round-off leaves of a zero."""
+    return f"{round(value, 9) + 0.0:.5g}" if isinstance(value, float) else str(value)
 
 
 def _check_name(out: Path) -> None:

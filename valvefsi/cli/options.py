@@ -12,14 +12,23 @@ from valvefsi.errors import CaseError
 HELP: dict[str, Any] = {"no_args_is_help": True, "context_settings": {"help_option_names": ["-h", "--help"]}}
 
 
-def _folder(path: Path | None) -> Path | None:
+def plain(text: str) -> str:
+    """Return a help text whose brackets, such as a unit's, are shown: rich takes them for styles."""
+    return text.replace("[", r"\[")
+
+
+def folder_of_results(path: Path | None, key: str = "--out") -> Path | None:
     """Refuse a folder of results where a file stands, before any work."""
     if path is not None:
         there = next((p for p in (path, *path.parents) if p.exists()), path)
         if there.exists() and not there.is_dir():
             what = "this is a file" if there == path else f"{there} is a file"
-            raise CaseError(f"{what}, expected a folder", key="--out", value=str(path))
+            raise CaseError(f"{what}, expected a folder", key=key, value=str(path))
     return path
+
+
+def _folder(path: Path | None) -> Path | None:
+    return folder_of_results(path)
 
 
 def not_a_folder(path: Path | None) -> Path | None:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from valvefsi.cli.movie import Cut, read_plane
-from valvefsi.cli.options import Out, Trust
+from valvefsi.cli.options import Out, Trust, plain
 from valvefsi.errors import CaseError
 
 
@@ -25,7 +25,9 @@ def plot(
     ] = None,
     t: Annotated[
         float | None,
-        typer.Option("--time", help="Time of a series [s], the nearest there is; the last if left out."),
+        typer.Option(
+            "--time", help=plain("Time of a series [s], the nearest there is; the last if left out.")
+        ),
     ] = None,
     fibres: Annotated[
         bool, typer.Option("--fibres", help="Draw the fibre fields of a case file instead; nothing is run.")

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from valvefsi.cli.tables import number
+from valvefsi.cli.tables import format_time, number
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -16,6 +16,12 @@ if TYPE_CHECKING:
 
 PLAIN_INTERVAL, LIVE_INTERVAL = 5.0, 0.1
 SHOWN = 3
+BAR, PERCENT, LEFT = 12, 4, 16
+"""Columns of the bar, of "100%" and of "12 h 02 min left", each with a space after it: these always stay."""
+TITLE = 8
+"""Columns that a title keeps while numbers can go in its place."""
+ROUND_OFF = 1e-9
+"""Part of the length of a run by which the sum of its steps may miss the end."""
 
 
 class Progress:
@@ -67,65 +73,73 @@ class Progress:
         if self.first is None:
             self.first = (now, t)
             self._open()
-        elif now < self.due and t < t_end:
+        elif now < self.due and t < t_end * (1.0 - ROUND_OFF):
             return
         self.due = now + (PLAIN_INTERVAL if self.live is None else LIVE_INTERVAL)
         wall, simulated = now - self.first[0], t - self.first[1]
         left = wall * (t_end - t) / simulated if simulated > 0 else None
-        share = t / t_end if t_end > 0 else 1.0
-        numbers = f"t = {t:.4g} of {t_end:g} s, step {step}"
+        share = t / t_end if t < t_end * (1.0 - ROUND_OFF) else 1.0
+        numbers = [f"t = {t:.4g} of {t_end:g} s", f"step {step}"]
         if self.period:
             beat, phase = divmod(t / self.period, 1.0)
-            numbers += f", beat {beat + 1:.0f} at {100 * phase:.0f} %"
-            numbers += f", dt {self.dt:.3g} s"
-        more = "".join(f", {name} {number(value)}" for name, value in _newest(info or {}))
-        if self.live is not None and self.task is not None:
-            self.live.update(self.task, completed=share, text=f"{numbers}{more}", left=format_time(left))
+            numbers += [f"beat {beat + 1:.0f} at {100 * phase:.0f} %", f"dt {self.dt:.3g} s"]
+        numbers += [f"{name} {number(value)}" for name, value in _newest(info or {})]
+        end = f"{format_time(left)} left" if share < 1 else f"in {format_time(wall)}"
+        if self.live is not None and self.task is not None and self.console is not None:
+            title, text = fitted(self.title, numbers, self.console.width)
+            self.live.update(self.task, description=title, completed=share, text=text, left=end)
         elif self.console is not None and (left is not None or share >= 1):
-            end = f"{format_time(left)} left" if share < 1 else f"done in {format_time(wall)}"
-            self.console.print(
-                f"{100 * share:5.1f} %  {numbers}{more}, {end}", highlight=False, soft_wrap=True
-            )
+            end = end if share < 1 else f"done {end}"
+            line = f"{100 * share:5.1f} %  {', '.join(numbers)}, {end}"
+            self.console.print(line, highlight=False, soft_wrap=True, markup=False)
             self.console.file.flush()
 
     def _open(self) -> None:
         from rich.console import Console
 
         self.console = self.console or Console()
-        if self.console.is_terminal:
-            self.live, self.task = open_bar(self.console, self.title)
+        if self.console.is_terminal and not self.console.is_dumb_terminal:
+            self.live, self.task = open_bar(self.console)
 
 
-def open_bar(console: Console, title: str) -> tuple[Bars, TaskID]:
+def open_bar(console: Console, title: str = "") -> tuple[Bars, TaskID]:
     """Return a bar that has begun: its part done is of 1, its fields are ``text`` and ``left``, a time."""
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn
     from rich.progress import Progress as Bars
 
-    heading, text, left = (
-        TextColumn(style)
-        for style in ("[bold]{task.description}", "{task.fields[text]}", "[cyan]{task.fields[left]} left")
+    heading, left, text = (
+        TextColumn(text, style=style, markup=False)
+        for text, style in (
+            ("{task.description}", "bold"),
+            ("{task.fields[left]}", "cyan"),
+            ("{task.fields[text]}", ""),
+        )
     )
-    live = Bars(heading, BarColumn(), TaskProgressColumn(), text, left, console=console)
+    live = Bars(heading, BarColumn(bar_width=BAR), TaskProgressColumn(), left, text, console=console)
     task = live.add_task(title, total=1.0, text="", left="...")
     live.start()
     return live, task
+
+
+def fitted(title: str, numbers: Sequence[str], width: int) -> tuple[str, str]:
+    """Return title and numbers of a line with a bar, cut so that both fit into a terminal.
+
+    Args:
+        title: What is being run; it is cut first.
+        numbers: The most important one first; the last ones are left out where even a short title is too much.
+        width: Columns of the terminal.
+    """
+    rest = width - (BAR + PERCENT + LEFT + 4)
+    least, text = min(len(title), TITLE), numbers[0]
+    for one in numbers[1:]:
+        if len(text) + 2 + len(one) + least > rest:
+            break
+        text += f", {one}"
+    most = max(rest - len(text), 1)
+    return title if len(title) <= most else f"{title[: most - 1]}…", text
 
 
 def _newest(info: Mapping[str, object]) -> list[tuple[str, object]]:
     """Return flows and pressures of circuits and a valve's area, or the first few columns after step and time."""
     loop = [(name, value) for name, value in info.items() if name.startswith(("pdva_", "q_", "p_"))]
     return loop or [(name, value) for name, value in info.items() if name not in ("step", "t_s")][:SHOWN]
-
-
-def format_time(seconds: float | None) -> str:
-    """Return a duration as people say it."""
-    if seconds is None:
-        return "unknown time"
-    if seconds < 10:
-        return f"{seconds:.1f} s"
-    if seconds < 60:
-        return f"{seconds:.0f} s"
-    minutes, seconds = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {seconds:02d} s"
-    return f"{minutes // 60} h {minutes % 60:02d} min"

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from valvefsi.cli.closing import show_run
 from valvefsi.cli.options import AllowChange, Out, Overwrite, Plan, Resume, Set, Trust
 from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
 from valvefsi.errors import CaseError
+
+if TYPE_CHECKING:
+    from valvefsi.case import Case
 
 
 def run(
@@ -28,10 +33,12 @@ def run(
 
     from valvefsi.case import load_case
 
-    loaded = load_case(case, overrides or [], trust=trust)
+    loaded, comm = load_case(case, overrides or [], trust=trust), MPI.COMM_WORLD
+    if comm.rank == 0:
+        typer.echo(_first_line(loaded, case.stem))
+        sys.stdout.flush()
     from valvefsi.case.build import plan_case, run_case
 
-    comm = MPI.COMM_WORLD
     folder = out if out is not None else Path("results") / case.stem
     if plan:
         result: dict[str, Any] = plan_case(loaded, comm, folder)
@@ -50,7 +57,17 @@ def run(
     options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
     with Progress(comm, loaded.title or case.stem, period=period) as progress:
         result = run_case(loaded, out=folder, comm=comm, progress=progress, **options)
-    show_result(result, comm, folder)
+    show_run(result, comm, folder, units=loaded.output.units)
+
+
+def _first_line(case: Case, name: str) -> str:
+    """Say how large a case is, before what takes longer: the first run of a kind compiles its loops and forms."""
+    cells = " x ".join(str(len(edges) - 1) for edges in case.grid.edges)
+    steps = max(1, round(case.time.t_end / case.dt))
+    return (
+        f"{case.title or name}: {cells} cells of {10.0 * case.grid.spacing:.4g} mm, {steps} steps of "
+        f"{1e3 * case.dt:.4g} ms\nbuilding it; the first time this takes a minute ..."
+    )
 
 
 def case(

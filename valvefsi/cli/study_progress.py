@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from valvefsi.cli.progress import PLAIN_INTERVAL, format_time, open_bar
+from valvefsi.cli.progress import PLAIN_INTERVAL, open_bar
+from valvefsi.cli.tables import format_time
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -56,7 +57,7 @@ class StudyProgress:
         text += f", {tally.failed} failed" if tally.failed else ""
         left = format_time(tally.left_s)
         if self.live is not None and self.task is not None:
-            self.live.update(self.task, completed=tally.share, text=text, left=left)
+            self.live.update(self.task, completed=tally.share, text=text, left=f"{left} left")
             return
         now, line = time.perf_counter(), f"{100 * tally.share:5.1f} %  {text}"
         if line != self.shown and (now >= self.due or tally.ended):

@@ -12,8 +12,7 @@ import typer
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import Out, Set, Trust
-from valvefsi.cli.progress import format_time
-from valvefsi.cli.tables import number, print_table
+from valvefsi.cli.tables import format_time, number, print_table
 from valvefsi.errors import StudyError
 
 if TYPE_CHECKING:

@@ -11,21 +11,22 @@ if TYPE_CHECKING:
     from mpi4py import MPI
     from rich.console import Console
 
+    from valvefsi.bodies.body import Entry
     from valvefsi.fitting.report import Report
 
 WIDE = 120
+STEP_UNITS = ((1.0, "s"), (1e3, "ms"), (1e6, "us"))
+"""In which the steps of a plan are shown: the first in which the step is one or more."""
 
 
 def show_result(result: Mapping[str, Any], comm: MPI.Comm, folder: Path | None = None) -> None:
     """Print a result on rank 0: its plan or its table of what is compared, else everything by name."""
     if comm.rank != 0 or not result:
         return
-    from rich.console import Console
-
-    console = Console(width=None if sys.stdout.isatty() else WIDE)
+    console = terminal()
     rest, rows = dict(result.get("timing", {})), list[tuple[str, ...]]()
     if "plan" in result:
-        rows = [(e.quantity, number(e.value), e.unit, e.note) for e in result["plan"]]
+        rows = planned(result["plan"])
         print_table(console, "plan", {"quantity": "left", "value": "right", "unit": "left", "": "left"}, rows)
     elif "table" in result:
         rows = [_compared(row) for row in result["table"]]
@@ -38,18 +39,58 @@ def show_result(result: Mapping[str, Any], comm: MPI.Comm, folder: Path | None =
         print_table(
             console, str(result.get("benchmark", "result")), {**headings, "unit": "left", "": "left"}, rows
         )
-    elif "last" in result:
-        rows = [(name, number(value)) for name, value in result["last"].items()]
-        print_table(console, "at the end", {"quantity": "left", "value": "right"}, rows)
     else:
         rest = dict(result)
     again = [("recovery", found["reason"]) for found in rest.pop("recoveries", ())]
     again += [("warning", found["text"]) for found in rest.pop("warnings", ())]
-    for name, value in [*_flat(rest), *again]:
-        if not name.startswith(("phases.", "timing.phases.")):
-            console.print(f"{name}: {value}", highlight=False, soft_wrap=True, markup=False)
-    if folder is not None:
-        console.print(f"results in {folder}", highlight=False, soft_wrap=True, markup=False)
+    lines = [
+        f"{name}: {value}"
+        for name, value in [*_flat(rest), *again]
+        if not name.startswith(("phases.", "timing.phases."))
+    ]
+    print_lines(console, [*lines, *([] if folder is None else [f"results in {folder}"])])
+
+
+def terminal() -> Console:
+    """Return the standard output, wide where it is no terminal."""
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else WIDE)
+
+
+def print_lines(console: Console, lines: Sequence[str]) -> None:
+    """Print lines as they are."""
+    for line in lines:
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+
+def planned(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
+    """Return the lines of a plan: wall-clock times as people say them, all steps and their limits in one unit."""
+    step = next((float(e.value) for e in entries if e.quantity == "time step"), 1.0)
+    factor, unit = next(pair for pair in STEP_UNITS if step * pair[0] >= 1.0 or pair[1] == "us")
+    rows: list[tuple[str, ...]] = []
+    for entry in entries:
+        value, shown = entry.value, entry.unit
+        if entry.wall:
+            value, shown = format_time(float(value)), ""
+        elif shown == "s":
+            value, shown = factor * float(value), unit
+        rows.append((entry.quantity, number(value), shown, entry.note))
+    return rows
+
+
+def format_time(seconds: float | None) -> str:
+    """Return a duration as people say it."""
+    if seconds is None:
+        return "unknown time"
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, seconds = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {seconds:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def _compared(row: Mapping[str, Any]) -> tuple[str, ...]:
@@ -85,12 +126,10 @@ def print_fit(console: Console, report: Report, lines: Sequence[str]) -> None:
         "std": "right",
         "95 % interval": "left",
     }
-    for note in report.notes:
-        console.print(f"note: {note}", highlight=False, soft_wrap=True, markup=False)
+    print_lines(console, [f"note: {note}" for note in report.notes])
     title = f"{report.kind} fit, {report.model}"
     print_table(console, title, {**headings, "verdict": "left"}, report.rows())
-    for line in lines:
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
+    print_lines(console, lines)
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:

@@ -50,7 +50,8 @@ def import_mesh(
         angle: Turn of the normal at which patches part [deg].
 
     Returns:
-        Kind of cell, number of cells and nodes, volume [cm^3], extent [cm], and tags.
+        Kind of cell, number of cells and nodes, volume [cm^3], extent [cm], tags, and for each tag of facets their
+        area [cm^2], the middle of it [cm] and their mean normal.
 
     Raises:
         CaseError: The file cannot be read, its surface is not closed, or it holds no volume.
@@ -250,4 +251,27 @@ def _numbers(gmsh: Gmsh) -> dict[str, object]:
         "volume_cm3": float(np.sum(volumes)),
         "extent_cm": [float(v) for v in np.ptp(x, axis=0)],
         "tags": groups,
+        "patches": {
+            gmsh.model.getPhysicalName(2, tag): _patch(gmsh, tag, dict(zip(tags, x, strict=True)))
+            for dim, tag in gmsh.model.getPhysicalGroups(2)
+        },
+    }
+
+
+def _patch(gmsh: Gmsh, tag: int, places: Mapping[int, Array]) -> dict[str, object]:
+    """Return area, middle and mean normal of the facets of a tag, of the polygons of their corners."""
+    areas, middles = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for surface in gmsh.model.getEntitiesForPhysicalGroup(2, tag):
+        for kind, nodes in zip(*gmsh.model.mesh.getElements(2, surface)[::2], strict=True):
+            corners = 4 if gmsh.model.mesh.getElementProperties(kind)[0].startswith("Quad") else 3
+            each = gmsh.model.mesh.getElementProperties(kind)[3]
+            p = np.array([places[node] for node in nodes]).reshape(-1, each, 3)[:, :corners]
+            areas.append(0.5 * np.cross(p[:, -2] - p[:, 0], p[:, -1] - p[:, corners - 3]))
+            middles.append(p.mean(axis=1))
+    vectors, size = np.concatenate(areas), np.linalg.norm(np.concatenate(areas), axis=1)
+    mean = vectors.sum(axis=0)
+    return {
+        "area_cm2": float(size.sum()),
+        "centre_cm": (size @ np.concatenate(middles) / size.sum()).tolist(),
+        "normal": (mean / max(float(np.linalg.norm(mean)), 1e-300)).tolist(),
     }

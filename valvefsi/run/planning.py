@@ -105,7 +105,7 @@ def _limits(simulation: Simulation) -> list[Entry]:
     h = float(min(model.grid.spacing[: model.grid.dim]))
     limit = ExplicitViscosity.limit(model.grid, rho=model.fluid.rho, mu=model.fluid.mu)
     if isinstance(model.fluid, ExplicitViscosity):
-        viscous = f"viscosity is explicit, dt / limit = {schedule.dt / limit:.2f}"
+        viscous = f"viscosity is explicit; {_share(schedule.dt / limit)}"
     else:
         viscous = "does not bind, viscosity is implicit"
     entries = [
@@ -124,16 +124,22 @@ def _limits(simulation: Simulation) -> list[Entry]:
         ),
     ]
     for cause, limit in step_limits(model).items():
-        note = f"dt / limit = {schedule.dt / limit:.2f}, a bound on the safe side"
+        note = f"a bound, {_share(schedule.dt / limit)}"
+        note += ": it is on the safe side, what is measured counts" if schedule.dt > limit else ""
         entries.append(Entry(quantity=f"step limit, {cause}", value=limit, unit="s", note=note))
     for number, body in enumerate(model.bodies):
         limit = measured_limit(model, schedule.dt, number)
         if math.isfinite(limit):
             ratio = schedule.dt / limit
-            note = f"dt / limit = {ratio:.2f}" + (", unstable" if ratio > 1.0 else "")
+            note = _share(ratio) + (", unstable" if ratio > 1.0 else "")
             quantity = f"step limit, measured at rest, {body.name}"
             entries.append(Entry(quantity=quantity, value=limit, unit="s", note=note))
     return entries
+
+
+def _share(ratio: float) -> str:
+    """Say how long the step is beside a limit."""
+    return f"the step is {100.0 * ratio:.3g} % of it" if ratio <= 1.0 else f"the step is {ratio:.3g} times it"
 
 
 def _cost(simulation: Simulation) -> list[Entry]:
@@ -165,5 +171,11 @@ def _cost(simulation: Simulation) -> list[Entry]:
             unit="%",
             note="the rest is the solids and their coupling",
         ),
-        Entry(quantity="expected time", value=each * schedule.num_steps, unit="s", note="without output"),
+        Entry(
+            quantity="expected time",
+            value=each * schedule.num_steps,
+            unit="s",
+            note="without output",
+            wall=True,
+        ),
     ]

@@ -25,7 +25,7 @@ from valvefsi.run.recording import Output, Recorder, box_of
 from valvefsi.run.schedule import AdaptiveSchedule, Schedule, check_end
 from valvefsi.run.stable_step import stable_step
 from valvefsi.runtime.clock import Timed
-from valvefsi.runtime.memory import keep_freed_memory
+from valvefsi.runtime.memory import forget_earlier_runs, keep_freed_memory
 from valvefsi.runtime.signals import collected_signals
 from valvefsi.types import Array, Progress
 
@@ -87,6 +87,7 @@ class Simulation:
     ) -> None:
         self.model, self.schedule, self.output = model, schedule, output
         self.initial = initial
+        forget_earlier_runs()
         self.memory = memory_of(model, output)
         self.phases: dict[str, float] = defaultdict(float)
         self.earlier = 0

@@ -3,10 +3,28 @@
 from __future__ import annotations
 
 import ctypes
+import gc
+import itertools
 import os
 
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 LARGE = 2**31 - 1
+KEPT_RUNS = 16
+"""Runs of one process after which what they have left is freed; each may hold some twenty MPI communicators."""
+_runs = itertools.count(1)
+
+
+def forget_earlier_runs() -> None:
+    """Free now and then what earlier runs of this process have left in cycles; called where a run is made.
+
+    What sets formulas in pictures keeps exceptions, and with them the frames of the run that drew, its meshes and their
+    MPI communicators, of which a library has some two thousand. Python by itself looks for such cycles too rarely.
+
+    Note:
+        Collective: freeing a communicator is, and all ranks count alike.
+    """
+    if next(_runs) % KEPT_RUNS == 0:
+        gc.collect()
 
 
 def keep_freed_memory() -> bool:

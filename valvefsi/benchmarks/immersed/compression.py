@@ -268,7 +268,7 @@ def _raw_case(chosen: Mapping[str, Any], v: Values) -> dict[str, Any]:
     return {
         "title": "Compressed block (Lee2020, E.1)",
         "grid": {"lower": [0.0, 0.0], "upper": [BOX, BOX], "cells": [grid, grid]},
-        "fluid": {"density": v["rho"], "viscosity": v["mu"]},
+        "fluid": {"density": v["rho"], "viscosity": v["mu"], "advection": "centred"},
         "time": {"dt_per_h": v["dt_per_h"], "t_end": v["t_end"]},
         "output": {"frames": 20, **every},
         "solid": [block],

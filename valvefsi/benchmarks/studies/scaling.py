@@ -50,7 +50,8 @@ def on_more_ranks(
             each = step * (share * fluid(count) / here + (1.0 - share) * comm.size / count)
         except ValueError:  # too many ranks for the grid
             continue
-        hours = each * steps / 3600.0
         note = f"{1e3 * each:.3g} ms a step" + ("" if count == comm.size else ", predicted")
-        entries.append(Entry(quantity=f"on {count} ranks", value=hours, unit="h", note=note))
+        entries.append(
+            Entry(quantity=f"on {count} ranks", value=each * steps, unit="s", note=note, wall=True)
+        )
     return entries

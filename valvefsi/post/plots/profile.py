@@ -57,9 +57,8 @@ def draw_profiles(path: Path, profiles: Mapping[str, Profile], *, title: str = "
     with mpl.rc_context(STYLE):
         height = 2.3 * blocks * len(shown) + 1.7
         figure = Figure(figsize=(2.35 * across + 1.0, height), dpi=160, facecolor="white")
-        figure.subplots_adjust(
-            0.85 / figure.get_figwidth(), 0.5 / height, 0.98, 1 - 0.95 / height, 0.14, 0.42
-        )
+        width = figure.get_figwidth()
+        figure.subplots_adjust(0.85 / width, 0.5 / height, 1 - 0.2 / width, 1 - 0.95 / height, 0.14, 0.42)
         panels = figure.subplots(blocks * len(shown), across, squeeze=False, sharey=False)
         for row in panels:
             for axes in row:

@@ -6,10 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from valvefsi.runtime import dolfinx_compat  # noqa: F401  (before ufl)
-
-# isort: split
 import ufl
 
 from valvefsi.errors import CaseError

@@ -8,9 +8,6 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from valvefsi.runtime import dolfinx_compat  # noqa: F401  (loads MPI and DOLFINx in the right order)
-
-# isort: split
 import ufl
 from ufl.core.expr import Expr
 

@@ -25,9 +25,6 @@ from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from valvefsi.runtime import dolfinx_compat  # noqa: F401  (before ufl)
-
-# isort: split
 import ufl
 
 from valvefsi.errors import CaseError
