@@ -1,0 +1,1 @@
+"""Studies: many steps, or many runs, of one case; resumable."""
