@@ -28,6 +28,7 @@ from valvefsi.cli.movie import movie
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
+from valvefsi.cli.validate import validate
 from valvefsi.errors import CaseError, Stopped, SurroundingsError, ValvefsiError, reason_of
 
 PATIENCE, GRACE = 5.0, 0.5
@@ -49,6 +50,7 @@ app.command()(case)
 app.command()(plot)
 app.command()(movie)
 app.command()(compare)
+app.command()(validate)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 app.add_typer(mesh, name="mesh")
