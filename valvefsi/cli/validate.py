@@ -125,8 +125,14 @@ def _told(result: dict[str, Any]) -> str:
     """Return what came of a stage in one line."""
     flat: dict[str, Any] = {}
     for name, value in result.items():
-        flat |= {f"{name}.{key}": each for key, each in value.items()} if isinstance(value, dict) else {name: value}
-    return ", ".join(f"{key} {_cell(value) if isinstance(value, float) else value}" for key, value in flat.items())
+        flat |= (
+            {f"{name}.{key}": each for key, each in value.items()}
+            if isinstance(value, dict)
+            else {name: value}
+        )
+    return ", ".join(
+        f"{key} {_cell(value) if isinstance(value, float) else value}" for key, value in flat.items()
+    )
 
 
 def _answer(value: bool | None) -> str:

@@ -25,6 +25,7 @@ from valvefsi.circulation.loop import FlowLoop
 from valvefsi.circulation.orifice import Orifice, OrificeLoop, orifice_of
 from valvefsi.errors import CaseError, Stopped, SurroundingsError, ValvefsiError
 from valvefsi.fitting.waveforms import Waveforms, write_waveforms
+from valvefsi.io.checkpoint import list_checkpoints
 from valvefsi.post.valve_beat import Beat
 from valvefsi.post.valve_comparison import Pair
 from valvefsi.studies.bench_start import NEEDED
@@ -45,7 +46,7 @@ class Part:
         out: Folder of the run.
         changes: Values that are set.
         ranks: MPI ranks.
-        fresh: Replace what the folder holds, else go on with it.
+        fresh: Begin, over what the folder holds, else go on from its last checkpoint.
     """
 
     case: Path
@@ -131,8 +132,14 @@ def run_to_periodic(
     if not fresh:
         _refuse_another(path, folder, changes, trust)
     beats = [] if fresh else _beats_so_far(folder, trust)
+    fresh = fresh or not list_checkpoints(folder / "checkpoints")
     apart = _last_two(beats)
     while not _alike(apart, study.tolerance) and len(beats) < study.max_beats:
+        if fresh and beats:
+            message = (
+                f"{len(beats)} beats are here, and no checkpoint to go on from; --overwrite begins again"
+            )
+            raise CaseError(message, file=folder)
         more = (*changes, f"time.t_end={(len(beats) + 1) * period!r} s")
         launcher(Part(case=path, out=folder, changes=more, ranks=study.ranks, fresh=fresh))
         done, beats, fresh = len(beats), read_beats(folder, trust=trust)[1], False

@@ -102,7 +102,7 @@ def _loop(study: ValidationStudy, how: How) -> list[Stage]:
         stages.insert(0, leaflet)
     made = Stage(
         name="case",
-        inputs=record | values | {"title": study.title},
+        inputs=record | values | {"title": study.title, "solid": study.leaflet and study.leaflet.solid},
         make=lambda folder: make_case(study, folder, how.trust),
         outputs=("case.toml",),
         after=tuple(stage.name for stage in stages),
