@@ -15,6 +15,7 @@ ONE_RANK = (
     "fitting",
     "verification/test_collection.py",
     "circulation/test_linear.py",
+    "circulation/test_orifice.py",
     "circulation/test_sampling.py",
     "circulation/test_signs.py",
     "benchmarks/test_options.py",
@@ -27,6 +28,7 @@ ONE_RANK = (
     "post/test_valve_comparison.py",
     "post/test_valve_numbers.py",
     "post/test_valve_waveform_plots.py",
+    "studies",
     "solid/test_material_closed_forms.py",
     "solid/test_material_parameters.py",
     "solid/test_materials.py",
@@ -36,7 +38,7 @@ ONE_RANK = (
     "test_readme.py",
     "test_reference_headers.py",
 )
-"""Folders and files in which nothing knows of ranks: fits, files of numbers, energies at a point, words. Not run under
+"""Folders and files in which nothing knows of ranks: fits, studies, files of numbers, energies at a point, words. Not run under
 mpirun, where every rank would do the same."""
 TESTS = Path(__file__).parent
 

@@ -15,13 +15,13 @@ from tests.studies import made_up_beat as made
 from tests.studies.test_validation import ROOT, study_in
 from valvefsi.case import load_case
 from valvefsi.case.build import run_case
-from valvefsi.case.study_tables import load_study
+from valvefsi.case.study_tables import Targets, load_study
 from valvefsi.case.writing import to_toml
 from valvefsi.errors import CaseError, Stopped, SurroundingsError, ValvefsiError
 from valvefsi.io.history import read_history
 from valvefsi.studies import beats
-from valvefsi.studies.beats import Part, launch
-from valvefsi.studies.comparison import advice
+from valvefsi.studies.beats import RunPart, launch
+from valvefsi.studies.comparison import advice, checks_of
 from valvefsi.studies.validation import How, validation_stages
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
@@ -141,7 +141,7 @@ def test_a_run_that_ends_early_is_no_endless_loop(folder):
     runs = Runs()
 
     def short(part):
-        runs(Part(case=part.case, out=part.out, changes=("time.t_end=0.9 s",)))
+        runs(RunPart(case=part.case, out=part.out, changes=("time.t_end=0.9 s",)))
 
     with pytest.raises(ValvefsiError, match="run-1mm has ended without another whole beat"):
         made_in(folder, short, ["grids=['1 mm']"])
@@ -208,18 +208,53 @@ def test_runs_are_held_against_the_record_the_orifice_and_one_another(folder):
     assert (folder / "out" / "compare" / "run-1mm-run-0.5mm" / "comparison.png").exists()
 
 
+def test_a_target_is_reached_as_it_is_or_shifted():
+    """Four norms around a target of 3 %, and a waveform that one of them lacks."""
+
+    def comparison(plain, shifted):
+        row = {
+            key: {"l2_percent": v, "linf_percent": 2 * v}
+            for key, v in (("as_they_are", plain), ("shifted", shifted))
+        }
+        return {"quantities": dict.fromkeys(("p_lv", "q_ao"), row)}
+
+    results = {"run": comparison(4.0, 2.0), "orifice": comparison(3.5, 3.5)}
+    found = checks_of(results, Targets(l2={"p_lv": 3.0, "pdva": 9.0}, linf={"q_ao": 8.0}))
+    told = [
+        (c["quantity"], c["norm"], c["at_most"], c["found"], c["reached"], c["reached_shifted"])
+        for c in found
+    ]
+    assert told == [
+        ("p_lv", "l2_percent", 3.0, 4.0, False, True),
+        ("pdva", "l2_percent", 9.0, None, None, None),
+        ("q_ao", "linf_percent", 8.0, 8.0, True, True),
+        ("p_lv", "l2_percent", 3.5, 4.0, False, True),
+        ("q_ao", "l2_percent", 3.5, 4.0, False, True),
+    ]
+    results = {name: result | {"shift_at_its_bound": name == "run"} for name, result in results.items()}
+    assert advice({}, results, found[:1], 1.2) == [
+        "run: the shift is at its bound: look for a reason in the pump or the start of the record",
+        "run: L2 of p_lv is 4 %, more than 3 % (target); shifted it is not",
+    ]
+    missed = [{**found[0], "quantity": "p_ao"}]
+    assert (
+        advice({}, {}, missed, 1.2)[-1]
+        == "P_Ao: the circuit alone, driven by the measured flow, is 1.2 % off in L2"
+    )
+
+
 # Processes
 
 
 def test_the_command_goes_on_with_a_run_or_replaces_it(monkeypatch):
-    part = Part(case=Path("a.toml"), out=Path("b"), changes=("grid.h=0.1 cm", "time.t_end=2 s"))
+    part = RunPart(case=Path("a.toml"), out=Path("b"), changes=("grid.h=0.1 cm", "time.t_end=2 s"))
     words = [sys.executable, "-m", "valvefsi", "run", "a.toml", "--out", "b"]
     changes = ["--set", "grid.h=0.1 cm", "--set", "time.t_end=2 s"]
     assert part.command() == [*words, "--resume", *changes]
-    fresh = Part(case=part.case, out=part.out, changes=part.changes, fresh=True)
+    fresh = RunPart(case=part.case, out=part.out, changes=part.changes, fresh=True)
     assert fresh.command() == [*words, "--overwrite", *changes]
     monkeypatch.setattr(beats.shutil, "which", lambda name, path: f"/somewhere/{name}")
-    several = Part(case=part.case, out=part.out, changes=part.changes, ranks=3)
+    several = RunPart(case=part.case, out=part.out, changes=part.changes, ranks=3)
     assert several.command() == ["/somewhere/mpirun", "-n", "3", *words, "--resume", *changes]
     monkeypatch.setattr(beats.shutil, "which", lambda name, path: None)
     with pytest.raises(SurroundingsError, match="there is no mpirun"):
@@ -233,7 +268,7 @@ def test_a_run_is_a_process_that_goes_on_with_a_later_end(tmp_path):
         "[output]\nhistory_every = 1\nframes = 0\n"
     )
     run_case(load_case(case), out=tmp_path / "out")
-    launch(Part(case=case, out=tmp_path / "out", changes=("time.t_end=2 s",)))
+    launch(RunPart(case=case, out=tmp_path / "out", changes=("time.t_end=2 s",)))
     t = read_history(tmp_path / "out" / "history.csv")["t_s"]
     assert np.allclose(np.diff(t), 0.1)
     assert t[-1] == pytest.approx(2.0)
@@ -249,8 +284,8 @@ def test_a_run_is_a_process_that_goes_on_with_a_later_end(tmp_path):
     ],
 )
 def test_an_exit_code_becomes_the_error_it_stands_for(monkeypatch, code, kind):
-    part = Part(case=Path("a.toml"), out=Path("b"), changes=())
-    monkeypatch.setattr(Part, "command", lambda self: [sys.executable, "-S", "-c", code])
+    part = RunPart(case=Path("a.toml"), out=Path("b"), changes=())
+    monkeypatch.setattr(RunPart, "command", lambda self: [sys.executable, "-S", "-c", code])
     with pytest.raises(kind, match="the run in b ended with") as caught:
         launch(part)
     assert caught.type is kind
@@ -264,9 +299,9 @@ def test_a_signal_is_passed_on_to_the_run(monkeypatch):
         "os.kill(os.getppid(), signal.SIGTERM)\n"
         "time.sleep(20)\n"
     )
-    monkeypatch.setattr(Part, "command", lambda self: [sys.executable, "-S", "-c", code])
+    monkeypatch.setattr(RunPart, "command", lambda self: [sys.executable, "-S", "-c", code])
     with pytest.raises(Stopped) as caught:
-        launch(Part(case=Path("a.toml"), out=Path("b"), changes=()))
+        launch(RunPart(case=Path("a.toml"), out=Path("b"), changes=()))
     assert caught.value.signal == 15
 
 

@@ -71,11 +71,11 @@ def validate(options: ValidateCommand) -> None:
             _line(console(), f"{name}: {json.dumps((stages.record(name) or {})['result'])}")
         typer.echo(f"results in {', '.join(str(folder / name) for name in chosen)}")
         return
-    _show(console(), json.loads((folder / "compare" / "verdict.json").read_text(encoding="utf-8")))
+    show_verdict(console(), json.loads((folder / "compare" / "verdict.json").read_text(encoding="utf-8")))
     typer.echo(f"results in {folder / 'compare'}")
 
 
-def _show(page: Console, verdict: dict[str, Any]) -> None:
+def show_verdict(page: Console, verdict: dict[str, Any]) -> None:
     """Print what was found: parameters, norms, targets, and what to do next."""
     for name, result in verdict["stages"].items():
         if name != "compare":

@@ -38,7 +38,7 @@ UNITS = {"p_lv": "mmHg", "p_ao": "mmHg", "q_ao": "ml_s"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
+class RunPart:
     """What one call of ``valvefsi run`` is to do.
 
     Attributes:
@@ -73,7 +73,7 @@ class Part:
         return [mpirun, "-n", str(self.ranks), *words]
 
 
-def launch(part: Part) -> None:
+def launch(part: RunPart) -> None:
     """Run a part as a process of its own, which a signal that ends this one asks to write a checkpoint and end.
 
     Raises:
@@ -111,7 +111,7 @@ def run_to_periodic(
     *,
     fresh: bool,
     trust: bool,
-    launcher: Callable[[Part], None] = launch,
+    launcher: Callable[[RunPart], None] = launch,
 ) -> dict[str, Any]:
     """Run a case beat by beat until the last two are alike, going on with what the folder holds.
 
@@ -141,7 +141,7 @@ def run_to_periodic(
             )
             raise CaseError(message, file=folder)
         more = (*changes, f"time.t_end={(len(beats) + 1) * period!r} s")
-        launcher(Part(case=path, out=folder, changes=more, ranks=study.ranks, fresh=fresh))
+        launcher(RunPart(case=path, out=folder, changes=more, ranks=study.ranks, fresh=fresh))
         done, beats, fresh = len(beats), read_beats(folder, trust=trust)[1], False
         if len(beats) <= done:
             raise ValvefsiError(f"the run in {folder} has ended without another whole beat")

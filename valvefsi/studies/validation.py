@@ -20,7 +20,7 @@ from valvefsi.fitting.report import write_json
 from valvefsi.fitting.waveforms import read_waveforms
 from valvefsi.post.valve_beat import Beat
 from valvefsi.post.valve_comparison import DEFINITIONS
-from valvefsi.studies.beats import Part, launch, orifice_to_periodic, run_to_periodic
+from valvefsi.studies.beats import RunPart, launch, orifice_to_periodic, run_to_periodic
 from valvefsi.studies.bench_start import NEEDED
 from valvefsi.studies.comparison import (
     Comparison,
@@ -59,7 +59,7 @@ class How:
     notify: Notify | None = None
     overwrite: bool = False
     trust: bool = False
-    launcher: Callable[[Part], None] = launch
+    launcher: Callable[[RunPart], None] = launch
 
 
 def validation_stages(study: ValidationStudy, folder: Path, how: How | None = None) -> Stages:
