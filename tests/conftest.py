@@ -31,15 +31,15 @@ ONE_RANK = (
     "solid/test_material_closed_forms.py",
     "solid/test_material_parameters.py",
     "solid/test_materials.py",
-    "studies",
+    "studies/test_stages.py",
     "test_demos.py",
     "test_documents.py",
     "test_layers.py",
     "test_readme.py",
     "test_reference_headers.py",
 )
-"""Folders and files in which nothing knows of ranks: fits, studies, files of numbers, energies at a point, words. Not
-run under mpirun, where every rank would do the same."""
+"""Folders and files in which nothing knows of ranks: fits, files of numbers, energies at a point, words. Not run under
+mpirun, where every rank would do the same."""
 TESTS = Path(__file__).parent
 
 

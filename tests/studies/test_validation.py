@@ -204,6 +204,7 @@ def test_the_start_can_be_given(tmp_path):
         ),
         (None, "downstream.R_c='3 ml'", "downstream.R_c = '3 ml': expected a quantity in dyn*s/cm^5"),
         (None, "targets.l2.q=3", "expected one of p_lv, p_ao, q_ao, q_ao_without_offset, pdva"),
+        (None, "grids=['0.77 mm']", "an axis is not a whole number of cells of this spacing"),
         (None, "changes=['grid.g=3']", "grid.g = 3: unknown key"),
     ],
 )

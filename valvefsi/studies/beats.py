@@ -84,11 +84,14 @@ def launch(part: RunPart) -> None:
         code = process.wait()
     if code == 0:
         return
-    message = f"the run in {part.out} ended with {code}, see above; the same command goes on from its last checkpoint"
+    message = f"the run in {part.out} ended with {code}, see above"
+    if code == 2:
+        raise CaseError(message)
+    message += "; the same command goes on from its last checkpoint"
     stopped = {128 + signal.SIGTERM: signal.SIGTERM, -signal.SIGTERM: signal.SIGTERM, 130: signal.SIGINT}
     if code in stopped:
         raise Stopped(message, stopped[code])
-    raise {2: CaseError, 4: SurroundingsError}.get(code, ValvefsiError)(message)
+    raise (SurroundingsError if code == 4 else ValvefsiError)(message)
 
 
 @contextlib.contextmanager

@@ -95,11 +95,7 @@ class Stages:
 
     def record(self, name: str) -> dict[str, Any] | None:
         """Return what ``stage.json`` of a stage holds, None where it was not made to its end."""
-        try:
-            found: dict[str, Any] = json.loads((self.folder / name / RECORD).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return None
-        return found
+        return read_record(self.folder / name)
 
     def make(self, only: Sequence[str] | None = None, *, again: bool = False) -> None:
         """Make what is not up to date.
@@ -154,6 +150,15 @@ class Stages:
         }
         found: dict[str, Any] = json.loads(json.dumps({**stage.inputs, **files}, default=_hash))
         return found
+
+
+def read_record(folder: Path) -> dict[str, Any] | None:
+    """Return what ``stage.json`` in the folder of a stage holds, None where there is none that is whole."""
+    try:
+        found: dict[str, Any] = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found
 
 
 def _hash(value: object) -> str:

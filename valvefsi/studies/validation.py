@@ -6,12 +6,13 @@ grid and `orifice` with an orifice for the valve, `compare` says how far they ar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from valvefsi.case import load_case
 from valvefsi.case.study_tables import ValidationStudy
 from valvefsi.case.values import values_by_path
 from valvefsi.case.valve_runs import read_run
@@ -40,7 +41,7 @@ from valvefsi.studies.loop_stages import (
     read_measured,
     upstream_values,
 )
-from valvefsi.studies.stages import Stage, Stages
+from valvefsi.studies.stages import Stage, Stages, read_record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +72,7 @@ def validation_stages(study: ValidationStudy, folder: Path, how: How | None = No
         how: How it is carried out.
     """
     how = how or How()
+    _check_grids(study, how.trust)
     return Stages(folder, [*_loop(study, how), *_runs(study, how), _compare(study, how)], how.say)
 
 
@@ -115,6 +117,12 @@ def grids_of(study: ValidationStudy) -> dict[str, tuple[str, ...]]:
     if study.grids is None:
         return {"run": ()}
     return {f"run-{10 * h:.4g}mm": (f"grid.h={h!r} cm",) for h in study.grids}
+
+
+def _check_grids(study: ValidationStudy, trust: bool) -> None:
+    """Refuse a spacing that the case cannot have, before any work."""
+    for changes in grids_of(study).values():
+        load_case(study.case, [*study.changes, *changes], trust=trust)
 
 
 def _runs(study: ValidationStudy, how: How) -> list[Stage]:
@@ -180,55 +188,43 @@ class Verdict:
     study: ValidationStudy
     folder: Path
     trust: bool = False
-    beats: dict[str, Beat] = field(default_factory=dict)
 
     def make(self) -> dict[str, Any]:
         """Compare everything, and write ``verdict.json``, tables and pictures."""
-        measured = read_measured(self.study)
-        for name in grids_of(self.study):
-            self.beats[name] = replace(read_run(self.folder.parent / name, trust=self.trust)[1], name=name)
-        self.beats["orifice"] = self._orifice()
+        measured, names = read_measured(self.study), [*grids_of(self.study)]
+        beats = {
+            name: replace(read_run(self.folder.parent / name, trust=self.trust)[1], name=name)
+            for name in names
+        }
+        beats["orifice"] = self._orifice(measured.beat.period)
         results = {
-            name: self._against(name, beat, measured.beat, measured.start)
-            for name, beat in self.beats.items()
+            name: self._against(name, beat, measured.beat, measured.start) for name, beat in beats.items()
         }
-        names = [*grids_of(self.study)]
-        between = {
-            f"{a} {b}": self._against(f"{a}-{b}", self.beats[a], self.beats[b], 0.0)
-            for a, b in pairwise(names)
-        }
-        write_tables(norm_rows([*results.values(), *between.values()]), self.folder)
+        between = [self._against(f"{a}-{b}", beats[a], beats[b], 0.0) for a, b in pairwise(names)]
+        write_tables(norm_rows([*results.values(), *between]), self.folder)
         verdict = self._verdict(results, between)
         write_json(self.folder / "verdict.json", verdict)
         return {"checks": verdict["checks"], "next": verdict["next"]}
 
-    def _verdict(
-        self, results: Mapping[str, Comparison], between: Mapping[str, Comparison]
-    ) -> dict[str, Any]:
-        stages = validation_stages(self.study, self.folder.parent)
-        told = {
-            name: record["result"] for name in stages.stages if (record := stages.record(name)) is not None
-        }
+    def _verdict(self, results: Mapping[str, Comparison], between: Sequence[Comparison]) -> dict[str, Any]:
+        names = ("leaflet", "downstream", "upstream", "case", *results)
+        records = {name: read_record(self.folder.parent / name) for name in names}
+        told = {name: record["result"] for name, record in records.items() if record is not None}
         checks = checks_of(results, self.study.targets)
-        runs = {name: told[name] for name in self.beats if name in told}
-        alone = told.get("downstream", {}).get("l2_percent")
-        without = {
-            key: [_without(result) for result in part.values()]
-            for key, part in (("against_record", results), ("between_grids", between))
-        }
+        runs = {name: told[name] for name in results if name in told}
         return {
             "title": self.study.title,
             "stages": told,
-            **without,
+            "against_record": [_without(result) for result in results.values()],
+            "between_grids": [_without(result) for result in between],
             "checks": checks,
-            "next": advice(runs, results, checks, alone),
+            "next": advice(runs, results, checks, told.get("downstream", {}).get("l2_percent")),
             "definitions": DEFINITIONS,
         }
 
-    def _orifice(self) -> Beat:
+    def _orifice(self, period: float) -> Beat:
         """Return the beat of the loop with an orifice."""
         waves = read_waveforms(self.folder.parent / "orifice" / "beat.csv")
-        period = read_measured(self.study).beat.period
         values = {name: waves[name] for name in NEEDED}
         return Beat(name="orifice", t=waves.t, period=period, values=values)
 
