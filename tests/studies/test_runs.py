@@ -64,6 +64,7 @@ class Runs:
         """Beats that a part was asked for, and how."""
         end = next(change for change in part.changes if change.startswith("time.t_end="))
         beats = float(end.partition("=")[2].split()[0]) / made.PERIOD
+        assert not part.trust
         return part.out.name, round(beats, 6), part.fresh
 
 
@@ -161,6 +162,8 @@ def test_a_run_of_another_case_is_kept_unless_it_may_be_replaced(folder):
     assert (folder / "out" / "run-1mm" / "history.csv").read_bytes() == history
     made_in(folder, runs, ["grids=['1 mm']", thick], overwrite=True)
     assert [each[1:] for each in asked(runs)] == [(1, True), (2, False), (3, False), (4, False)]
+    made_in(folder, runs, ["grids=['1 mm']", thick, "tolerance=1e-9", "max_beats=5"], trust=True)
+    assert [(part.trust, part.fresh) for part in runs.parts] == [(True, False)]
 
 
 def test_the_grids_of_the_case_itself_are_one_run(folder):
@@ -251,8 +254,8 @@ def test_the_command_goes_on_with_a_run_or_replaces_it(monkeypatch):
     words = [sys.executable, "-m", "valvefsi", "run", "a.toml", "--out", "b"]
     changes = ["--set", "grid.h=0.1 cm", "--set", "time.t_end=2 s"]
     assert part.command() == [*words, "--resume", *changes]
-    fresh = RunPart(case=part.case, out=part.out, changes=part.changes, fresh=True)
-    assert fresh.command() == [*words, "--overwrite", *changes]
+    fresh = RunPart(case=part.case, out=part.out, changes=part.changes, fresh=True, trust=True)
+    assert fresh.command() == [*words, "--overwrite", "--trust", *changes]
     monkeypatch.setattr(beats.shutil, "which", lambda name, path: f"/somewhere/{name}")
     several = RunPart(case=part.case, out=part.out, changes=part.changes, ranks=3)
     assert several.command() == ["/somewhere/mpirun", "-n", "3", *words, "--resume", *changes]

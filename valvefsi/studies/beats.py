@@ -46,6 +46,7 @@ class RunPart:
         out: Folder of the run.
         changes: Values that are set.
         ranks: MPI ranks.
+        trust: Whether Python files of materials may be run.
         fresh: Begin, over what the folder holds, else go on from its last checkpoint.
     """
 
@@ -53,6 +54,7 @@ class RunPart:
     out: Path
     changes: tuple[str, ...]
     ranks: int = 1
+    trust: bool = False
     fresh: bool = False
 
     def command(self) -> list[str]:
@@ -62,7 +64,7 @@ class RunPart:
             SurroundingsError: It needs mpirun, and there is none beside the interpreter or on the path.
         """
         words = [sys.executable, "-m", "valvefsi", "run", str(self.case), "--out", str(self.out)]
-        words += ["--overwrite" if self.fresh else "--resume"]
+        words += ["--overwrite" if self.fresh else "--resume", *(["--trust"] if self.trust else [])]
         words += [word for change in self.changes for word in ("--set", change)]
         if self.ranks == 1:
             return words
@@ -144,7 +146,7 @@ def run_to_periodic(
             )
             raise CaseError(message, file=folder)
         more = (*changes, f"time.t_end={(len(beats) + 1) * period!r} s")
-        launcher(RunPart(case=path, out=folder, changes=more, ranks=study.ranks, fresh=fresh))
+        launcher(RunPart(case=path, out=folder, changes=more, ranks=study.ranks, trust=trust, fresh=fresh))
         done, beats, fresh = len(beats), read_beats(folder, trust=trust)[1], False
         if len(beats) <= done:
             raise ValvefsiError(f"the run in {folder} has ended without another whole beat")

@@ -20,7 +20,6 @@ from valvefsi.circulation.pump import PumpPressure
 from valvefsi.errors import CaseError
 from valvefsi.fitting.bench_beat import read_bench_beat
 from valvefsi.fitting.biaxial import fit_biaxial
-from valvefsi.fitting.least_squares import Notify
 from valvefsi.fitting.waveforms import Waveforms
 from valvefsi.fitting.windkessel import Settings, fit_windkessel
 from valvefsi.fitting.windkessel_models import SIZES, find_circuit
@@ -85,19 +84,19 @@ def case_of(study: ValidationStudy, trust: bool) -> tuple[Case, dict[str, str]]:
     return case, names
 
 
-def make_leaflet(study: ValidationStudy, folder: Path, notify: Notify | None) -> dict[str, Any]:
+def make_leaflet(study: ValidationStudy, folder: Path) -> dict[str, Any]:
     """Fit the leaflets' material to biaxial tests; ``material.toml``."""
     table = study.leaflet
     if table is None:
         return {}
     names = ("families", "axis1", "fibre_angle", "starts")
     options: dict[str, Any] = {name: getattr(table, name) for name in names}
-    found = fit_biaxial(table.file, table.model, notify=notify, **options)
+    found = fit_biaxial(table.file, table.model, **options)
     found.write(folder)
     return {"model": table.model, "parameters": found.parameters, **_quality(found.report.as_dict())}
 
 
-def make_downstream(study: ValidationStudy, folder: Path, notify: Notify | None) -> dict[str, Any]:
+def make_downstream(study: ValidationStudy, folder: Path) -> dict[str, Any]:
     """Fit the circuit downstream to the record's flow and pressure, periodic; ``circuit.toml``."""
     measured, table = read_measured(study), study.downstream
     settings = Settings(
@@ -107,7 +106,7 @@ def make_downstream(study: ValidationStudy, folder: Path, notify: Notify | None)
         profiles=table.profiles,
         draws=table.draws,
     )
-    report = fit_windkessel(measured.waves, DOWNSTREAM, settings, notify)
+    report = fit_windkessel(measured.waves, DOWNSTREAM, settings)
     report.write(folder)
     return {"parameters_mmHg_ml_s": report.fit.named, **_quality(report.extra["norms_over_time"])}
 

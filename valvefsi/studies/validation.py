@@ -16,7 +16,6 @@ from valvefsi.case import load_case
 from valvefsi.case.study_tables import ValidationStudy
 from valvefsi.case.values import values_by_path
 from valvefsi.case.valve_runs import read_run
-from valvefsi.fitting.least_squares import Notify
 from valvefsi.fitting.report import write_json
 from valvefsi.fitting.waveforms import read_waveforms
 from valvefsi.post.valve_beat import Beat
@@ -50,14 +49,12 @@ class How:
 
     Attributes:
         say: Called with a line on each stage.
-        notify: Called as fits go on.
         overwrite: Replace runs of another case.
         trust: Whether Python files of materials may be run.
         launcher: Runs a part of a run.
     """
 
     say: Callable[[str], None] = lambda line: None
-    notify: Notify | None = None
     overwrite: bool = False
     trust: bool = False
     launcher: Callable[[RunPart], None] = launch
@@ -84,7 +81,7 @@ def _loop(study: ValidationStudy, how: How) -> list[Stage]:
         Stage(
             name="downstream",
             inputs=record | _values(study, "downstream"),
-            make=lambda folder: make_downstream(study, folder, how.notify),
+            make=lambda folder: make_downstream(study, folder),
             outputs=("circuit.toml", "fit.json"),
         ),
         Stage(
@@ -98,7 +95,7 @@ def _loop(study: ValidationStudy, how: How) -> list[Stage]:
         leaflet = Stage(
             name="leaflet",
             inputs={"tests": Path(study.leaflet.file), **_values(study, "leaflet")},
-            make=lambda folder: make_leaflet(study, folder, how.notify),
+            make=lambda folder: make_leaflet(study, folder),
             outputs=("material.toml", "fit.json"),
         )
         stages.insert(0, leaflet)
