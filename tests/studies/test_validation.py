@@ -152,6 +152,14 @@ def test_only_what_depends_on_a_change_is_made_again(whole, tmp_path):
     assert set(why()) == {"upstream", "orifice", "compare"}, "going back is a change like any other"
 
 
+def test_the_verdict_is_silent_on_a_fit_that_the_study_no_longer_has(whole, tmp_path):
+    folder = shutil.copytree(whole[0], tmp_path / "copy")
+    shutil.copytree(folder / "out" / "downstream", folder / "out" / "leaflet")
+    validation_stages(study_in(folder), folder / "out").make(["compare"], again=True)
+    verdict = json.loads((folder / "out" / "compare" / "verdict.json").read_text())
+    assert list(verdict["stages"]) == ["downstream", "upstream", "case", "orifice"]
+
+
 def test_a_leak_that_only_the_probe_sees_is_taken_off_where_that_is_asked_for(tmp_path):
     """With it the mean flow is too small and R_p too large, without it R_p is the true one."""
     with_it = made_in(tmp_path, leak=6.0, only=["downstream"])[0].record("downstream")["result"]

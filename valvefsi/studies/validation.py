@@ -204,7 +204,8 @@ class Verdict:
         return {"checks": verdict["checks"], "next": verdict["next"]}
 
     def _verdict(self, results: Mapping[str, Comparison], between: Sequence[Comparison]) -> dict[str, Any]:
-        names = ("leaflet", "downstream", "upstream", "case", *results)
+        fitted = ["leaflet"] if self.study.leaflet is not None else []
+        names = [*fitted, "downstream", "upstream", "case", *results]
         records = {name: read_record(self.folder.parent / name) for name in names}
         told = {name: record["result"] for name, record in records.items() if record is not None}
         checks = checks_of(results, self.study.targets)
