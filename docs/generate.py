@@ -22,6 +22,7 @@ TITLES = {
     "io": "Files",
     "case": "Case files",
     "fitting": "Fits",
+    "studies": "Studies: many steps or runs",
     "runtime": "Threads, memory, compiled loops",
     "types": "Types and protocols",
 }
@@ -32,7 +33,7 @@ HIDDEN = ("__init__", "__main__", "cli")
 def everything(folder: Path) -> None:
     """Write all generated pages, after removing the old ones."""
     shutil.rmtree(folder, ignore_errors=True)
-    pages = {"case_keys.md": case_keys(), "commands.md": commands()}
+    pages = {"case_keys.md": case_keys(), "study_keys.md": study_keys(), "commands.md": commands()}
     pages |= {f"tutorials/{path.stem}.md": tutorial(path) for path in sorted((ROOT / "demos").glob("*.py"))}
     pages |= {f"api/{name}.rst": modules(name) for name in parts_of_the_package()}
     for name, text in pages.items():
@@ -90,6 +91,21 @@ def case_keys() -> str:
     for path, kind in tables_in(Case, ()):
         parts += [f"## `{path}`", one_line(kind.__doc__), keys_of(kind)]
     return "\n\n".join([*parts, materials(), circuits()]) + "\n"
+
+
+def study_keys() -> str:
+    """Return every table of a validation study with its keys, units and defaults."""
+    from valvefsi.case.study_tables import ValidationStudy
+
+    parts = [
+        "# Every key of a study",
+        "The file of `valvefsi validate`. Numbers and units are those of a case file; paths are relative to the study.",
+        "## The study",
+        keys_of(ValidationStudy),
+    ]
+    for path, kind in tables_in(ValidationStudy, ()):
+        parts += [f"## `{path}`", one_line(kind.__doc__), keys_of(kind)]
+    return "\n\n".join(parts) + "\n"
 
 
 def tables_in(kind: type, path: tuple[str, ...]) -> Iterator[tuple[str, type]]:

@@ -179,7 +179,7 @@ def test_a_wrong_command_is_noticed(line):
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=name_of)
 def test_every_link_of_a_document_leads_somewhere(path):
-    made = {f"tutorials/{demo.stem}.md" for demo in DEMOS} | {"case_keys.md", "commands.md"}
+    made = {f"tutorials/{demo.stem}.md" for demo in DEMOS} | {"case_keys.md", "study_keys.md", "commands.md"}
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", FENCE.sub("", path.read_text(encoding="utf-8"))):
         if "://" in target:
             continue
@@ -197,9 +197,16 @@ def test_every_key_of_a_case_is_on_its_page():
     assert "| `downstream` |" in page
 
 
+def test_every_key_of_a_study_is_on_its_page():
+    page = generate.study_keys()
+    for key in ("grids", "max_beats", "without_offset", "fibre_angle", "R_c", "C_VIA", "fit_area", "linf"):
+        assert f"| `{key}` |" in page
+    assert "## `[record]`" in page
+
+
 def test_every_command_is_on_its_page():
     page = generate.commands()
-    for name in ("run", "bench cavity", "fit biaxial", "mesh import"):
+    for name in ("run", "bench cavity", "fit biaxial", "mesh import", "validate"):
         assert f"## `valvefsi {name}`" in page
     assert "| `--reynolds` |" in page
 

@@ -56,7 +56,7 @@ def load_case(path: str | Path, overrides: Sequence[str] = (), *, trust: bool = 
     """
     path = Path(path)
     if not path.exists():
-        raise CaseError(f"no such case file{_nearest_file(path, '.toml', 0.5)}", file=path)
+        raise CaseError(f"no such case file{nearest_file(path, '.toml', 0.5)}", file=path)
     return parse_case(read_toml(path), overrides, file=path, trust=trust)
 
 
@@ -90,7 +90,7 @@ def parse_case(
     try:
         case = Case.model_validate(tables)
     except ValidationError as error:
-        raise _one_line(error, tables, file, changed) from None
+        raise one_line(error, tables, file, changed) from None
     case._file, case._trust = file, trust
     try:
         check_case(case)
@@ -157,7 +157,7 @@ def _find_file(
         key = (*place, entry)
         source = _source(".".join(map(str, key)), file, changed)
         kind, suffix = ("mesh ", ".msh") if "mesh" in place else ("", path.suffix)
-        message = f"no such {kind}file{_nearest_file(path, suffix)}"
+        message = f"no such {kind}file{nearest_file(path, suffix)}"
         raise CaseError(message, file=source, key=_shown(key, raw), value=table[entry])
     table[entry] = str(path.resolve())
 
@@ -176,7 +176,7 @@ def _find_run(raw: dict[str, object], file: Path | None, changed: Sequence[str])
     start["run"] = str(folder.resolve())
 
 
-def _nearest_file(path: Path, suffix: str, cutoff: float = 0.0) -> str:
+def nearest_file(path: Path, suffix: str, cutoff: float = 0.0) -> str:
     """Return a hint at the file with the nearest name in the folder of ``path``."""
     folder = path.parent
     if not folder.is_dir():
@@ -187,10 +187,17 @@ def _nearest_file(path: Path, suffix: str, cutoff: float = 0.0) -> str:
     return f"; did you mean {near[0]!r}?" if near else none
 
 
-def _one_line(
+def one_line(
     error: ValidationError, raw: Mapping[str, object], file: Path | None, changed: Sequence[str]
 ) -> CaseError:
-    """Return the first error of a validation as one line."""
+    """Return the first error of a validation as one line.
+
+    Args:
+        error: What pydantic found.
+        raw: The tables that were read.
+        file: File they are from.
+        changed: Paths of what was set on the command line, as `apply_overrides` gives them.
+    """
     found = error.errors(include_url=False)
     first = next((item for item in found if item["type"] == "case"), found[0])
     context = first.get("ctx") or {}

@@ -1,4 +1,4 @@
-"""The last whole cycle of a run with a valve, from the folder that the run left."""
+"""The whole cycles of a run with a valve, from the folder that the run left."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from valvefsi.case.valve_report import missing_columns, pump_of, valve_columns, 
 from valvefsi.errors import CaseError
 from valvefsi.io.history import read_history
 from valvefsi.post.valve_beat import Beat
-from valvefsi.post.valve_record import ValveRecord, cut, fault
+from valvefsi.post.valve_record import ValveRecord, ValveTest, cut, fault
 
 SEAM = 0.05
 """Part of a waveform's range by which the ends of a cycle may differ before it is said."""
@@ -21,7 +21,13 @@ NAMES = {"p_lv": "p_lv", "p_ao": "p_ao", "q": "q_ao", "pdva": "pdva"}
 
 
 def read_run(folder: Path, *, period: float | None = None, trust: bool = False) -> tuple[Case, Beat]:
-    """Return the case of a run and its last whole cycle.
+    """Return the case of a run and its last whole cycle, see `read_beats`."""
+    case, beats = read_beats(folder, period=period, trust=trust)
+    return case, beats[-1]
+
+
+def read_beats(folder: Path, *, period: float | None = None, trust: bool = False) -> tuple[Case, list[Beat]]:
+    """Return the case of a run and its whole cycles.
 
     Cycles count from ``cycles_from`` of the pump, or from the start of the run.
 
@@ -45,13 +51,18 @@ def read_run(folder: Path, *, period: float | None = None, trust: bool = False) 
         why = fault(record, 0) if record.num_cycles else f"the run ends at {record.t[-1]:.6g} s"
         message = f"no whole cycle of {record.period:.6g} s from {record.first:.6g} s on: {why}"
         raise CaseError(message, file=folder / "history.csv")
-    cycle = cut(record, whole[-1])
-    return case, Beat(
-        name=folder.resolve().name,
+    return case, [_beat(folder.resolve().name, record, k, test) for k in whole]
+
+
+def _beat(name: str, record: ValveRecord, k: int, test: ValveTest) -> Beat:
+    """Return a whole cycle of a run."""
+    cycle = cut(record, k)
+    return Beat(
+        name=name,
         t=cycle["t"][:-1],
         period=record.period,
-        values={NAMES[name]: cycle[name][:-1] for name in record.signals},
-        start=record.first + whole[-1] * record.period,
+        values={NAMES[signal]: cycle[signal][:-1] for signal in record.signals},
+        start=record.first + k * record.period,
         test=test,
         notes=_seams(cycle, record.signals),
     )

@@ -32,6 +32,7 @@ from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
 from valvefsi.cli.sweep import sweep
+from valvefsi.cli.validate import validate
 from valvefsi.errors import CaseError, Stopped, SurroundingsError, ValvefsiError, reason_of
 
 PATIENCE, GRACE = 5.0, 0.5
@@ -55,6 +56,7 @@ app.command()(plot)
 app.command()(movie)
 app.command()(compare)
 app.command()(doctor)
+app.command()(validate)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 app.add_typer(mesh, name="mesh")

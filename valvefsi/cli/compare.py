@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from valvefsi.cli.fit_output import console
+from valvefsi.cli.labels import LABELS
 from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import Out, Trust
 from valvefsi.cli.tables import number, print_table
@@ -19,15 +20,6 @@ if TYPE_CHECKING:
 
     from valvefsi.case import Case
     from valvefsi.post.valve_beat import Beat
-    from valvefsi.post.valve_comparison import Pair
-
-LABELS = {
-    "p_lv": "P_LV",
-    "p_ao": "P_Ao",
-    "q_ao": "Q_Ao",
-    "q_ao_without_offset": "Q_Ao without offset",
-    "pdva": "PDVA",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,22 +59,20 @@ def compare(options: CompareCommand) -> None:
 
     if MPI.COMM_WORLD.rank != 0:
         return
-    from valvefsi.post.valve_comparison import Pair, compare_beats
+    from valvefsi.studies.comparison import compare_pair, write_comparison
 
     start, most = _seconds(options.start, "start"), _seconds(options.shift_max, "shift-max")
     period = None if options.period is None else _seconds(options.period, "period")
     if period == 0.0:
         raise CaseError("expected a positive time", key="period", value=options.period)
     (case_a, a), (case_b, b) = (_read(path, period, options.trust) for path in (options.a, options.b))
-    pair = Pair(a=a, b=b, start=start)
-    shift = pair.common_shift(most)
-    result = compare_beats(pair, shift, most)
+    pair, result = compare_pair(a, b, start=start, shift_max=most)
     if case_a is not None and case_b is not None:
         result["case"] = _differences(case_a, case_b)
     folder = options.out or (
         options.a if options.a.is_dir() else Path("results") / f"compare-{options.a.stem}"
     )
-    _write(pair, result, folder)
+    write_comparison(pair, result, folder)
     _show(console(), result)
     typer.echo(f"results in {folder / 'comparison.json'} and {folder / 'comparison.png'}")
 
@@ -120,35 +110,6 @@ def _differences(a: Case, b: Case) -> dict[str, dict[str, object]]:
     from valvefsi.case.values import case_differences
 
     return {key: {"a": first, "b": second} for key, (first, second) in case_differences(a, b).items()}
-
-
-def _write(pair: Pair, result: dict[str, Any], folder: Path) -> None:
-    """Write ``comparison.json`` and ``comparison.png``."""
-    from valvefsi.fitting.report import write_json
-    from valvefsi.post.plots.valve_comparison import Overlay, valve_comparison
-    from valvefsi.post.valve_beat import QUANTITIES
-
-    write_json(folder / "comparison.json", result)
-    shift, overlays = 1e-3 * result["shift_ms"], []
-    for name in (name for name in pair.quantities if name in QUANTITIES):
-        a, b = pair.values(name)
-        rows = result["quantities"][name]
-        said = [rows[which]["l2_percent"] for which in ("as_they_are", "shifted")]
-        known = pair.b.deviation_at(name, pair.t) if name in pair.b.deviations else None
-        text = "" if None in said else "L2 {:.2f} %, shifted {:.2f} %".format(*said)
-        shifted = pair.values(name, shift)[0]
-        overlays.append(Overlay(quantity=name, a=a, b=b, shifted=shifted, deviation=known, text=text))
-    names = {"a": _called(result, "a"), "b": _called(result, "b")}
-    names["shifted"] = f"difference with {names['a']} moved by {1e3 * shift:+.2f} ms"
-    title = f"{names['a']} and {names['b']}"
-    caption = f"one cycle of {pair.b.period:.4g} s; the lower panels show {names['a']} less {names['b']}"
-    valve_comparison(folder / "comparison.png", pair.t, overlays, names, title=title, caption=caption)
-
-
-def _called(result: dict[str, Any], side: str) -> str:
-    """Return what a side is called; A and B where both have one name."""
-    same = result["a"]["name"] == result["b"]["name"]
-    return f"{result[side]['name']} ({side.upper()})" if same else str(result[side]["name"])
 
 
 def _show(page: Console, result: dict[str, Any]) -> None:
