@@ -51,7 +51,6 @@ class State:
         given: What each body has given to the fluid, the same on all ranks, ``(num_bodies, 4)``: three components of
             impulse [dyn s], and work [erg]. Nothing depends on it.
         dt_stable: Largest stable step when it was last measured, see `valvefsi.run.stable_step` [s].
-        measured_at: Step at which that was.
         measure_at: Step from which on it is measured again.
     """
 
@@ -65,7 +64,6 @@ class State:
     circuits: Array
     given: Array
     dt_stable: float = math.inf
-    measured_at: int = 0
     measure_at: int = 0
 
 

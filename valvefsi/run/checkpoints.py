@@ -65,7 +65,7 @@ def save_state(model: Model, state: State, output: Output, memory: Memory, *, fi
     }
     meta: dict[str, Any] = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
     meta["dt_stable"] = state.dt_stable if math.isfinite(state.dt_stable) else None
-    meta["measured_at"], meta["measure_at"] = state.measured_at, state.measure_at
+    meta["measure_at"] = state.measure_at
     meta["circuits"] = [float(value) for value in state.circuits]
     meta["given"] = state.given.tolist()
     meta["statistics"] = statistics.meta()
@@ -106,7 +106,6 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
         step=meta["step"],
         dt=meta["dt"],
         dt_stable=math.inf if meta.get("dt_stable") is None else meta["dt_stable"],
-        measured_at=meta.get("measured_at", 0),
         measure_at=meta.get("measure_at", 0),
         u=model.fluid.fill(u, meta["t"]),
         p=arrays["p"],

@@ -9,11 +9,6 @@ from pathlib import Path
 from valvefsi.errors import CaseError
 from valvefsi.fsi import State
 
-LONGEST_WAIT = 3
-"""Longest time between measurements of the stable step, in shortest ones."""
-DRIFT = 0.05
-"""Part of the stable step by which it may change between measurements; a run takes 0.8 of it at most."""
-
 
 def check_end(t: float, dt: float, t_end: float, file: Path | None = None) -> None:
     """Refuse an end that a run has passed: what was asked for can no longer be computed.
@@ -53,12 +48,6 @@ class Schedule:
     max_recoveries: int = 0
     measure_every: int = 0
 
-    def wait(
-        self, state: State, limit: float
-    ) -> int:  # as `AdaptiveSchedule`, whose steps alone are measured
-        """Return the steps until the next measurement."""
-        return self.measure_every
-
     @property
     def num_steps(self) -> int:
         """Number of steps from 0 to the end, rounded to a whole one."""
@@ -93,8 +82,8 @@ class AdaptiveSchedule:
         growth: Largest ratio of a step to the one before.
         max_recoveries: Times a run may go back to its last good state and take shorter steps.
         share_stable: Part of the measured stable step that is taken.
-        measure_every: Least steps between measurements of the stable step, which cost about eight steps of the fluid
-            and the solid; 0 for never. Where it hardly changes they are up to `LONGEST_WAIT` times as far apart.
+        measure_every: Steps between measurements of the stable step, which cost about eight steps of the fluid and the
+            solid; 0 for never.
 
     Raises:
         ValueError: ``cfl`` is above ``cfl_max``, or ``growth`` not above 1.
@@ -124,18 +113,6 @@ class AdaptiveSchedule:
     def finished(self, state: State) -> bool:
         """Whether a state is the last one."""
         return state.t > self.t_end * (1.0 - 1e-12)
-
-    def wait(self, state: State, limit: float) -> int:
-        """Return the steps until the stable step is measured again: until it may have changed by `DRIFT`.
-
-        Args:
-            state: The state, with the stable step that was measured before.
-            limit: The stable step that is measured now [s].
-        """
-        change = abs(limit / state.dt_stable - 1.0) if 0.0 < state.dt_stable < math.inf else math.inf
-        before = state.step - state.measured_at
-        steps = DRIFT * before / max(change, 1e-9)
-        return int(min(max(steps, self.measure_every), LONGEST_WAIT * self.measure_every))
 
     def next_dt(self, state: State, rate: float) -> float:
         """Return the length of the step after a state.

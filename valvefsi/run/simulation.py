@@ -221,8 +221,7 @@ class Simulation:
         """Return a state with the largest stable step, for steps about as long as the longest (collective)."""
         with self._clock("stable step"):
             limit = stable_step(self.model, state, self.schedule.dt, MEASURED_PRODUCTS)
-        wait = self.schedule.wait(state, limit)
-        return replace(state, dt_stable=limit, measured_at=state.step, measure_at=state.step + wait)
+        return replace(state, dt_stable=limit, measure_at=state.step + self.schedule.measure_every)
 
     def _due(self, old: State, new: State) -> bool:
         """Whether the elements are checked: whatever is written has passed."""
