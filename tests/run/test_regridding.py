@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.case.test_resuming import RAW
 from tests.coupled_case import DT, block_model, heavy, simulation
 from valvefsi import fsi
 from valvefsi.case import parse_case
@@ -111,27 +112,6 @@ def test_another_box_and_other_bodies_are_refused():
         regridded(coarse, state, other, DT)
     with pytest.raises(CaseError, match=r"start\.run: that run has the bodies , this one block"):
         regridded(coarse, state, block_model(SELF), DT)
-
-
-RAW = {
-    "title": "stirred block",
-    "grid": {"lower": [0, 0], "upper": [1, 1], "cells": [16, 16]},
-    "fluid": {"viscosity": 0.1, "sides": {"y_upper": {"velocity": [1.0, 0.0]}}},
-    "time": {"dt": "2 ms", "t_end": "80 ms"},
-    "output": {"frames": 4, "history_every": 5, "checkpoint_every": 8},
-    "solid": [
-        {
-            "name": "block",
-            "mesh": {
-                "shape": "rectangle",
-                "lower": [0.375, 0.375],
-                "size": [0.25, 0.25],
-                "elements": [4, 4],
-            },
-            "material": {"model": "neo_hookean", "c1": 10.0},
-        }
-    ],
-}
 
 
 def test_a_case_begins_from_another_run_and_is_resumed(shared_tmp, comm):
