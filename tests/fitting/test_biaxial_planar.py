@@ -145,6 +145,7 @@ def test_the_stress_of_the_solid_on_one_element_is_the_same(case):
         p.name for p in material.parameters(planar.Extent(stress=1.0, I1=1.0, I4=(1.0, 1.0), shear=True))
     ]
     entries = material.entries(dict(zip(names, v, strict=True)))
+    entries.pop("width", None)  # the published corner
     if "families" in entries:
         entries["families"] = tuple(FibreFamily(**family) for family in entries["families"])
     solid = MATERIALS[material.model](**entries)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,7 @@ from valvefsi.run.simulation import Simulation
 from valvefsi.run.statistics import Line
 from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
+from valvefsi.solid.materials.presets import ROUNDING
 from valvefsi.solid.structure import Damping, Discretisation, Structure
 from valvefsi.types import Progress
 
@@ -132,7 +134,25 @@ def write_case(case: Case, out: Path, comm: MPI.Comm, changes: Changes = ()) -> 
 
 def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, out: Path = Path()) -> dict[str, object]:
     """Return the plan of a case that would run in a folder, see `valvefsi.run.planning`. Collective."""
-    return {"plan": [*plan(build(case, out, comm)), *cell_reynolds_number(case)]}
+    return {"plan": [*plan(build(case, out, comm)), *cell_reynolds_number(case), *jumping_stress(case)]}
+
+
+def jumping_stress(case: Case) -> list[Entry]:
+    """Return a warning of a plan for every solid whose dispersed fibres begin to bear with a jump."""
+    text = (
+        "the stress of dispersed fibres jumps where they begin to bear, which can make the stable step several times "
+        f"shorter: take width = {ROUNDING:g}"
+    )
+    return [
+        Entry(quantity=f"warning, {solid.name}", value="", note=text)
+        for solid in case.solid
+        if solid.material is not None and _jumps(solid.material.parameters)
+    ]
+
+
+def _jumps(parameters: Mapping[str, Any]) -> bool:
+    dispersed = any(family.get("kappa", 0.0) > 0.0 for family in parameters.get("families", ()))
+    return dispersed and not parameters.get("width", 0.0) > 0.0
 
 
 def cell_reynolds_number(case: Case) -> list[Entry]:

@@ -12,6 +12,9 @@ from valvefsi.fitting.planar import Extent, PlanarMaterial, PlanarState, angle_p
 from valvefsi.fitting.problem import Parameter
 from valvefsi.types import Array
 
+ROUNDING = 1e-3
+"""Width of the transition at I4 = 1 that a material is written with, as in `valvefsi.solid.materials.presets` [-]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
@@ -86,12 +89,13 @@ class HGO(PlanarMaterial):
         return slopes
 
     def entries(self, v: Mapping[str, float]) -> dict[str, Any]:
-        """Return the entries of a material table."""
+        """Return the entries of a material table; dispersed fibres with a rounded corner, see `ROUNDING`."""
         values, table = list(v.values()), []
         for place in PLACES[self.families]:
             constants = {"k1": values[place.k1], "k2": values[place.k1 + 1], "kappa": values[place.kappa]}
             table.append(constants | {"fibre": place.sign * v["angle"] + place.shift})
-        return {"c10": v["c10"], "c01": v["c01"], "families": table}
+        rounded = {"width": ROUNDING} if any(family["kappa"] > 0.0 for family in table) else {}
+        return {"c10": v["c10"], "c01": v["c01"], "families": table, **rounded}
 
 
 def _dispersion(name: str) -> Parameter:
