@@ -129,7 +129,7 @@ class Command(ABC):
         progress: Announce | None = None,
         resume: bool = False,
     ) -> Result:
-        """Run everything and write it down.
+        """Run everything and write it down (collective).
 
         Args:
             out: Folder of the results.
@@ -142,9 +142,6 @@ class Command(ABC):
 
         Raises:
             CaseError: Something cannot be used.
-
-        Note:
-            Collective.
         """
         keep_freed_memory()
         return self.execute(Session(out=Path(out), comm=comm, announce=progress, resume=resume))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from valvefsi.case.overrides import nearest, split_override
@@ -97,6 +98,13 @@ def _check_words(words: Sequence[str | int], choices: Sequence[str], flag: str) 
             near = nearest(word, choices) if isinstance(word, str) else ""
             near = near if near.startswith("; did") else ""
             raise CaseError(f"expected one of {', '.join(choices)}{near}", key=flag, value=word)
+
+
+def quantities(text: str, **more: tuple[float, str] | tuple[str, Sequence[str]]) -> Parameters:
+    """Return parameters from a text such as ``t_end = 2 s, nu = 1/3``, pure numbers without a unit; then ``more``."""
+    pairs = (part.split("=") for part in text.replace("\n", ",").split(",") if part.strip())
+    texts = {key.strip(): value.strip().partition(" ") for key, value in pairs}
+    return {key: (float(Fraction(number)), unit or "1") for key, (number, _, unit) in texts.items()} | more
 
 
 def defaults(parameters: Parameters) -> Values:

@@ -112,7 +112,7 @@ class Attempt:
 
 
 def attempt(simulation: Simulation, job: Job, *, clear: bool = False) -> Attempt:
-    """Run a simulation; a run that breaks down keeps its record and says why.
+    """Run a simulation; a run that breaks down keeps its record and says why (collective).
 
     With ``job.resume`` it goes on from the newest checkpoint in the folder, if there is one.
 
@@ -123,9 +123,6 @@ def attempt(simulation: Simulation, job: Job, *, clear: bool = False) -> Attempt
 
     Raises:
         CaseError: The checkpoints belong to a run of other numbers, or one that is not finished would be lost.
-
-    Note:
-        Collective.
     """
     folder, output = job.folder, simulation.output
     meta = newest_meta(folder / "checkpoints", job.comm) if job.resume else None
@@ -148,13 +145,10 @@ def attempt(simulation: Simulation, job: Job, *, clear: bool = False) -> Attempt
 
 
 def completed(simulation: Simulation, job: Job) -> History:
-    """Run a simulation to its end and return its history.
+    """Run a simulation to its end and return its history (collective).
 
     Raises:
         StabilityError: It broke down.
-
-    Note:
-        Collective.
     """
     done = attempt(simulation, job)
     if done.failed is not None:

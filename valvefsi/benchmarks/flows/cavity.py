@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Job, Report, Single
-from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import flow_of, whole_of
 from valvefsi.errors import ConvergenceError
@@ -37,7 +37,7 @@ class Cavity(Single):
     """The cavity, run until the flow is steady: ``steady`` is the largest change per time that counts as none."""
 
     name = "cavity"
-    parameters = {"cfl": (0.3, "1"), "steady": (1e-5, "1"), "t_max": (1000.0, "1")}
+    parameters = quantities("cfl = 0.3, steady = 1e-5, t_max = 1000")
 
     reynolds: int = option(100, "100, 1000 or 5000.", choices=REYNOLDS)
     cells: int = option(64, "Cells along an edge.", flag="--grid", least=8)

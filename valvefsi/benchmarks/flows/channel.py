@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
-from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import order_row, row
 from valvefsi.fluid.boundary import Boundary, Open
 from valvefsi.fluid.navier_stokes import NavierStokes
@@ -45,7 +45,7 @@ class Channel(Benchmark[int, None]):
     """Both flows on grids of N, 2 N, ... cells across."""
 
     name = "channel"
-    parameters = {"womersley": (6.0, "1"), "viscosity": (0.1, "1"), "length": (2.0, "1")}
+    parameters = quantities("womersley = 6, viscosity = 0.1, length = 2")
 
     cells: int = option(16, "Cells across on the coarsest grid.", flag="--grid", least=4)
     refine: int = option(2, "Number of finer grids.", least=0)

@@ -24,7 +24,7 @@ from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.flows.shedding import LABELS, Forces, Shedding, numbers
 from valvefsi.benchmarks.frame import Job, Record, Report
-from valvefsi.benchmarks.options import Parameters, Values, option, read_quantities, require
+from valvefsi.benchmarks.options import Values, option, quantities, read_quantities, require
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import completed, fixed_steps, flow_of, springs
 from valvefsi.bodies.rigid import RigidSurface
@@ -38,14 +38,10 @@ from valvefsi.run.forces import ForceOutput
 from valvefsi.run.simulation import Simulation
 from valvefsi.types import Faces
 
-PARAMETERS: Parameters = {
-    "reynolds": (100.0, "1"),
-    "t_end": (100.0, "1"),
-    "cfl": (0.2, "1"),
-    "width": (60.0, "1"),
-    "draw_in": (1.0, "1"),
-    "kernel": ("bspline3", tuple(KERNELS)),
-}
+PARAMETERS = quantities(
+    "reynolds = 100, t_end = 100, cfl = 0.2, width = 60, draw_in = 1",
+    kernel=("bspline3", tuple(KERNELS)),
+)
 PACE = 0.02
 """Part of its way back that a point slips through the fluid in a step: springs whose forces cancel in the kernel would
 not hold it. On every grid, a traction of rho U^2 then drives fluid through the surface with 0.003 U."""

@@ -16,17 +16,12 @@ from mpi4py import MPI
 from valvefsi.benchmarks.flows.fitted import FittedFlow, Velocity
 from valvefsi.benchmarks.flows.shedding import Forces, Shedding, numbers
 from valvefsi.benchmarks.frame import Job, Record
-from valvefsi.benchmarks.options import Values, option, require
+from valvefsi.benchmarks.options import Values, option, quantities, require
 from valvefsi.errors import CaseError
 from valvefsi.geometry.flow_shapes import box_around_cylinder
 from valvefsi.types import Indices
 
-PARAMETERS = {
-    "reynolds": (100.0, "1"),
-    "t_end": (90.0, "1"),
-    "width": (60.0, "1"),
-    "courant": (0.16, "1"),
-}
+PARAMETERS = quantities("reynolds = 100, t_end = 90, width = 60, courant = 0.16")
 """Default and unit; ``courant`` is the step over the size of the elements at the cylinder."""
 
 

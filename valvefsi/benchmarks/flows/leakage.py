@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Job, Report, Single
-from valvefsi.benchmarks.options import Parameters, Values, require
+from valvefsi.benchmarks.options import Values, quantities, require
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import Columns, completed, fixed_steps, springs
 from valvefsi.bodies.patches import PatchedSurface
@@ -31,15 +31,11 @@ from valvefsi.run.simulation import Simulation
 from valvefsi.types import Array
 from valvefsi.units import MMHG
 
-PARAMETERS: Parameters = {
-    "h": (0.1, "cm"),
-    "pressure": (100.0 * MMHG, "dyn/cm^2"),
-    "viscosity": (0.035, "dyn*s/cm^2"),
-    "sinuses": ("yes", ("yes", "no")),
-    "dt": (5e-5, "s"),
-    "t_end": (0.3, "s"),
-    "hold": (0.25, "1"),
-}
+PARAMETERS = quantities(
+    "h = 0.1 cm, viscosity = 0.035 dyn*s/cm^2, dt = 5e-5 s, t_end = 0.3 s, hold = 0.25",
+    pressure=(100.0 * MMHG, "dyn/cm^2"),
+    sinuses=("yes", ("yes", "no")),
+)
 BELOW, ABOVE = 0.8, 0.8
 """Length of the tracts before and behind the sinuses [cm]."""
 LATE = 0.25

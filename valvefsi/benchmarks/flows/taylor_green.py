@@ -18,7 +18,7 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Job, Report, Single
-from valvefsi.benchmarks.options import Parameters, Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import flow_of
 from valvefsi.errors import StabilityError
@@ -29,12 +29,10 @@ from valvefsi.io.folder import replacing
 from valvefsi.post import diagnostics
 from valvefsi.verification.norms import normalised_difference
 
-PARAMETERS: Parameters = {
-    "reynolds": (1600.0, "1"),
-    "t_end": (12.0, "1"),
-    "cfl": (0.2, "1"),
-    "advection": ("xsppm7", tuple(SCHEMES)),
-}
+PARAMETERS = quantities(
+    "reynolds = 1600, t_end = 12, cfl = 0.2",
+    advection=("xsppm7", tuple(SCHEMES)),
+)
 TABLE = "taylor_green_re1600"
 SOURCE = "direct simulation 512^3 (Dairay et al. 2017)"
 T_PEAK_PASSED = 10.0
@@ -147,16 +145,13 @@ def compare(curves: Curves) -> dict[str, Any]:
 
 
 def march(cells: int, parameters: Values, job: Job) -> tuple[Curves, int]:
-    """Run the vortex.
+    """Run the vortex (collective).
 
     Returns:
         Mean kinetic energy per mass, its loss, mean dissipation per mass that the grid resolves; number of steps.
 
     Raises:
         StabilityError: A velocity is not finite.
-
-    Note:
-        Collective.
     """
     grid = MacGrid([0.0] * 3, [np.pi] * 3, [cells] * 3, [False] * 3, job.comm)
     nu, t_end = 1.0 / parameters["reynolds"], parameters["t_end"]

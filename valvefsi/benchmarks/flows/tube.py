@@ -23,7 +23,7 @@ from scipy.special import jn_zeros
 
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Job, Report, Single
-from valvefsi.benchmarks.options import Parameters, Values, option, read_quantities, require
+from valvefsi.benchmarks.options import Values, option, quantities, read_quantities, require
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import Columns, completed, fixed_steps, springs
 from valvefsi.bodies.patches import PatchedSurface
@@ -38,16 +38,11 @@ from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
 from valvefsi.types import Array, Faces
 
-PARAMETERS: Parameters = {
-    "radius": (1.25, "cm"),
-    "relaxation": (0.1, "s"),
-    "t_end": (6.0, "s"),
-    "step": (0.8, "1"),
-    "hold": (0.25, "1"),
-    "shift": (0.1, "1"),
-    "wall": ("patches", ("patches", "points")),
-    "kernel": ("composite_bspline32", tuple(name for name, kind in KERNELS.items() if kind[0] == BSPLINE)),
-}
+PARAMETERS = quantities(
+    "radius = 1.25 cm, relaxation = 0.1 s, t_end = 6 s, step = 0.8, hold = 0.25, shift = 0.1",
+    wall=("patches", ("patches", "points")),
+    kernel=("composite_bspline32", tuple(name for name, kind in KERNELS.items() if kind[0] == BSPLINE)),
+)
 DIRECTIONS = {0: (0, 1), 20: (4, 11), 45: (1, 1)}
 """Cells along x and z after which the axis comes back to the same place, by angle to z in degrees (20: 19.98)."""
 MARGIN = 5.0
@@ -202,7 +197,6 @@ class Tube(Single):
     angle: int = option(0, "Angle of the tube to the grid [degrees].", choices=tuple(DIRECTIONS))
 
     def check(self, values: Values) -> None:
-        """Refuse parts of a limit above it, and what is no spacing."""
         if not self.spacing > 0.0:
             raise CaseError("expected a positive length", key="--grid", value=self.grid)
         for key in ("step", "hold"):
@@ -219,7 +213,6 @@ class Tube(Single):
         return 2.0 * self.values["radius"] / self.spacing
 
     def measured(self, job: Job) -> Report:
-        """Run the tube: the error at the end, the largest one and its drift over the second half."""
         values, unit = self.values, "% of the final flow"
         model, weights, dt = build(self.angle, self.spacing, values, job.comm)
         steps = max(4, math.ceil(values["t_end"] / dt))

@@ -26,7 +26,7 @@ from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
 from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, couple
-from valvefsi.benchmarks.options import option
+from valvefsi.benchmarks.options import option, quantities
 from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.benchmarks.running import flow_of, time_of_pair
 from valvefsi.bodies.elastic import Elastic
@@ -42,14 +42,10 @@ from valvefsi.types import Array
 if TYPE_CHECKING:
     from valvefsi.post.plots.immersed import Line
 
-PARAMETERS = {
-    "c1": (0.05, "dyn/cm^2"),
-    "p0": (0.05, "dyn/cm^2"),
-    "rho": (1.0, "g/cm^3"),
-    "mu": (0.01, "dyn*s/cm^2"),
-    "lid": (1.0, "cm/s"),
-    "dt_per_h": (1.0 / 32.0, "s/cm"),
-}
+PARAMETERS = quantities("""
+    c1 = 0.05 dyn/cm^2, p0 = 0.05 dyn/cm^2, rho = 1 g/cm^3, mu = 0.01 dyn*s/cm^2, lid = 1 cm/s,
+    dt_per_h = 1/32 s/cm
+""")
 RADIUS, CENTRE = 0.2, (0.6, 0.5, 0.5)
 PAIR_LIMIT, CHANGE_LIMIT = 25.0, 1e-6
 PAIRS = 60

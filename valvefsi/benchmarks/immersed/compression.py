@@ -18,7 +18,7 @@ from mpi4py import MPI
 from valvefsi.benchmarks.frame import Job, Report, Result, Session, Single
 from valvefsi.benchmarks.immersed.numerics import Numerics
 from valvefsi.benchmarks.immersed.study import GridStudy
-from valvefsi.benchmarks.options import Parameters, Values, option, read_parameters, read_quantities
+from valvefsi.benchmarks.options import Values, option, quantities, read_parameters, read_quantities
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import AVERAGED, History, late, late_mean
 from valvefsi.benchmarks.statics.compression import converged
@@ -42,17 +42,11 @@ GRID, BOX, LENGTH = 16, 40.0, 20.0
 TOP = (20.0, 25.0)
 """Centre of the top [cm]."""
 KEY = "u_y_top_centre_cm"
-PARAMETERS: Parameters = {
-    "traction": (200.0, "dyn/cm^2"),
-    "c1": (80.194, "dyn/cm^2"),
-    "rho": (1.0, "g/cm^3"),
-    "mu": (0.01, "dyn*s/cm^2"),
-    "damping": (0.05 * 80.194, "dyn*s/cm^4"),
-    "t_end": (60.0, "s"),
-    "dt_per_h": (0.005, "s/cm"),
-    "tether_stiffness": (1.0e5, "dyn/cm^3"),
-    "tether_damping": (0.0, "dyn*s/cm^3"),
-}
+PARAMETERS = quantities(
+    """traction = 200 dyn/cm^2, c1 = 80.194 dyn/cm^2, rho = 1 g/cm^3, mu = 0.01 dyn*s/cm^2, t_end = 60 s,
+    dt_per_h = 0.005 s/cm, tether_stiffness = 1e5 dyn/cm^3, tether_damping = 0 dyn*s/cm^3""",
+    damping=(0.05 * 80.194, "dyn*s/cm^4"),
+)
 """Default and unit of the parameters that ``--set NAME=value`` reaches; dotted keys reach the whole case."""
 
 
@@ -204,11 +198,9 @@ class BlockSeries(GridStudy):
         self.case_of(self.runs()[0])
 
     def elements(self, numerics: Numerics) -> int:
-        """Return the elements along the block's 20 cm."""
         return round(LENGTH * numerics.grid / (numerics.ratio * BOX))
 
     def settings(self, numerics: Numerics) -> Values:
-        """Return what is set of the case of one run, by key."""
         return self.values
 
     def case_of(self, numerics: Numerics) -> Case:

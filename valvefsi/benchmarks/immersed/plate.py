@@ -34,7 +34,7 @@ from valvefsi.benchmarks.immersed.plate_model import (
     place_of,
 )
 from valvefsi.benchmarks.immersed.plate_theory import ImmersedPlate, immersed_wave, kernel_wave
-from valvefsi.benchmarks.options import Parameters, Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import History, completed
 from valvefsi.coupling.kernels import BSPLINE, KERNELS
@@ -46,16 +46,10 @@ from valvefsi.solid.loads import Ramp
 from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
 
-PARAMETERS: Parameters = {
-    "h": (0.1, "cm"),
-    "modulus": (1e6, "dyn/cm^2"),
-    "rho": (1.0, "g/cm^3"),
-    "stokes": (0.25, "1"),
-    "shift": (0.1, "1"),
-    "step": (0.7, "1"),
-    "periods": (2.0, "1"),
-    "deflection": (0.02, "1"),
-}
+PARAMETERS = quantities("""
+    h = 0.1 cm, modulus = 1e6 dyn/cm^2, rho = 1 g/cm^3, stokes = 0.25, shift = 0.1, step = 0.7,
+    periods = 2, deflection = 0.02
+""")
 KINDS = ("static", "wave")
 CLAMPED = 22.3733
 """omega L^2 sqrt(m / D) of the first mode of a span with clamped ends (Timoshenko and Gere 1972)."""
@@ -91,7 +85,6 @@ class Amplitude:
     columns = ("amplitude_cm",)
 
     def row(self, state: fsi.State) -> dict[str, float]:
-        """Return the mean [cm] (collective)."""
         moved = (state.bodies[0]["chi"] - self.solid.X) @ self.normal
         return {"amplitude_cm": float(self.solid.comm.allreduce(self.weights @ moved))}
 
@@ -121,11 +114,9 @@ class Plate(Benchmark[Case, None]):
         return [Case(kind=kind, thickness=t) for kind in self.kinds for t in every]
 
     def place(self, run: Case, out: Path) -> Path:
-        """Return a folder for each run."""
         return out / f"{run.kind}-{run.thickness:g}"
 
     def values_of(self, run: Case) -> Values:
-        """Return the parameters and options that a run depends on."""
         chosen = (self.length, self.element, self.kernel, self.ratio, self.layers, self.angle)
         return {**self.values, "chosen": repr(chosen)}
 
@@ -161,7 +152,6 @@ class Plate(Benchmark[Case, None]):
         return replace(plate, mu=0.5 * v["rho"] * plate.potential_frequency() * layer**2)
 
     def one(self, run: Case, job: Job) -> Record:
-        """Run one plate."""
         found = (self._static if run.kind == "static" else self._wave)(run, job)
         return {"kind": run.kind, "thickness": run.thickness, **found}
 
@@ -251,7 +241,6 @@ class Plate(Benchmark[Case, None]):
         )
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return the ratios by thickness."""
         options = ("length", "element", "kernel", "ratio", "layers", "angle")
         table = [line for record in records for line in _lines(record)]
         return Report(
@@ -267,7 +256,6 @@ class Plate(Benchmark[Case, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw deflections over time, and deflection, frequency and damping over the thickness."""
         from valvefsi.post.plots.plate import thin_plate
 
         title = f"Plate held across {self.length} spacings, and its waves"

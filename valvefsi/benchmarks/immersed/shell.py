@@ -22,7 +22,7 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
 from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, couple
-from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.kernels import KERNELS
@@ -37,14 +37,10 @@ from valvefsi.types import Array
 from valvefsi.verification.convergence import ratios_of
 from valvefsi.verification.norms import error_norms
 
-PARAMETERS = {
-    "radius": (0.25, "cm"),
-    "wall": (0.0625, "cm"),
-    "rho": (1.0, "g/cm^3"),
-    "mu": (1.0, "dyn*s/cm^2"),
-    "t_end": (0.25, "s"),
-    "dt_per_h": (0.25, "s/cm"),
-}
+PARAMETERS = quantities("""
+    radius = 0.25 cm, wall = 0.0625 cm, rho = 1 g/cm^3, mu = 1 dyn*s/cm^2, t_end = 0.25 s,
+    dt_per_h = 0.25 s/cm
+""")
 CENTRE = (0.5, 0.5)
 
 

@@ -35,7 +35,7 @@ from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
 from valvefsi.benchmarks.immersed.turek_model import CENTRE, CLAMP, RADIUS, THICKNESS, TIP, build
-from valvefsi.benchmarks.options import Values, changed, option, read_parameters, require
+from valvefsi.benchmarks.options import Values, changed, option, quantities, read_parameters, require
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import (
     Columns,
@@ -56,20 +56,10 @@ from valvefsi.run.recording import Probe
 from valvefsi.run.simulation import Simulation
 from valvefsi.types import Array
 
-PARAMETERS = {
-    "U": (200.0, "cm/s"),
-    "mu_s": (2e7, "dyn/cm^2"),
-    "nu": (0.4, "1"),
-    "rho": (1.0, "g/cm^3"),
-    "rho_s": (1.0, "g/cm^3"),
-    "mu": (10.0, "dyn*s/cm^2"),
-    "ramp": (2.0, "s"),
-    "nu_stab": (0.49, "1"),
-    "ratio": (2.0, "1"),
-    "share": (4.5, "1"),
-    "hold": (0.5, "1"),
-    "pace": (0.02, "1"),
-}
+PARAMETERS = quantities("""
+    U = 200 cm/s, mu_s = 2e7 dyn/cm^2, nu = 0.4, rho = 1 g/cm^3, rho_s = 1 g/cm^3, mu = 10 dyn*s/cm^2,
+    ramp = 2 s, nu_stab = 0.49, ratio = 2, share = 4.5, hold = 0.5, pace = 0.02
+""")
 """Default and unit. ``ratio`` is the length of a quadratic element over h, ``share`` the step over the elastic limit
 of nodes that move alone, ``hold`` the springs of cylinder and clamp over rho/dt^2 and their dampers over rho/dt,
 ``pace`` the part of its way back that a point of the cylinder slips through the fluid in a step: without it springs

@@ -34,7 +34,7 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
-from valvefsi.benchmarks.options import Values, option, require
+from valvefsi.benchmarks.options import Values, option, quantities, require
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import (
     History,
@@ -68,18 +68,10 @@ LENGTH, HEIGHT, ROOT = 8.0, 1.61, 2.0
 """Length and height of the channel, and where the leaflets are [cm]."""
 FINE = (1.6, 2.8)
 """Stretch of the channel with the smallest cells, where the leaflets sweep [cm]."""
-PARAMETERS = {
-    "E": (5.6e7, "dyn/cm^2"),
-    "nu": (0.4, "1"),
-    "rho": (100.0, "g/cm^3"),
-    "mu": (10.0, "dyn*s/cm^2"),
-    "thickness": (0.0212, "cm"),
-    "length": (0.7, "cm"),
-    "inflow": (5.0, "1/(cm*s)"),
-    "nu_stab": (0.49, "1"),
-    "ratio": (1.0, "1"),
-    "share": (0.6, "1"),
-}
+PARAMETERS = quantities("""
+    E = 5.6e7 dyn/cm^2, nu = 0.4, rho = 100 g/cm^3, mu = 10 dyn*s/cm^2, thickness = 0.0212 cm,
+    length = 0.7 cm, inflow = 5 1/(cm*s), nu_stab = 0.49, ratio = 1, share = 0.6
+""")
 """Default and unit; ``ratio`` is element length over h, ``share`` the step over the limit measured at rest."""
 SOURCE = "Kamensky et al. 2015, digitised"
 REFINEMENT, SAMPLES = 1.5, 600
@@ -180,15 +172,12 @@ class Leaflet:
 
 @dataclass
 class Watch:
-    """Sees tips, gap and the largest speed, and keeps the flow at some steps for a picture.
+    """Sees tips, gap and the largest speed, and keeps the flow at some steps for a picture (collective).
 
     Attributes:
         model: The model of `build`.
         size: Thickness and length of a leaflet [cm].
         sights: Snapshots.
-
-    Note:
-        Collective.
     """
 
     model: fsi.Model

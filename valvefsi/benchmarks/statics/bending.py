@@ -291,11 +291,9 @@ class Bending(Benchmark[Strip, None]):
     kappa: float = option(1e8, "Numerical bulk modulus [dyn/cm^2].")
 
     def check(self, values: Values) -> None:
-        """Refuse what is no strip."""
         self.runs()
 
     def runs(self) -> list[Strip]:
-        """Return the strip."""
         try:
             radius = None if self.radius == "flat" else 0.1 * float(self.radius)
         except ValueError:
@@ -312,11 +310,9 @@ class Bending(Benchmark[Strip, None]):
         return [strip]
 
     def one(self, run: Strip, job: Job) -> Record:
-        """Return the ratios of a strip, and their convergence over edges."""
         return {"ratios": ratios(run, job.comm), "series": series(run, job.comm)}
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return the ratios of stiffness."""
         (r,) = records
         source = "mixed Q2-Q1 elements, {} x {} x {}".format(*REFERENCE)
         return Report(
@@ -328,7 +324,6 @@ class Bending(Benchmark[Strip, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw the convergence over edges."""
         from valvefsi.post.plots.bending import edge_series
 
         title = f"Bending stiffness of a strip, {self.material}"

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 from valvefsi.benchmarks import references
+from valvefsi.benchmarks.options import quantities
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, answer_of
 from valvefsi.geometry.shapes import compressed_block
@@ -18,13 +19,9 @@ from valvefsi.solid import statics
 from valvefsi.solid.loads import DeadLoad
 from valvefsi.solid.materials import NeoHookean
 
-PARAMETERS = {
-    "traction": (200.0, "dyn/cm^2"),
-    "c1": (80.194, "dyn/cm^2"),
-    "width": (20.0, "cm"),
-    "height": (10.0, "cm"),
-    "load_width": (10.0, "cm"),
-}
+PARAMETERS = quantities("""
+    traction = 200 dyn/cm^2, c1 = 80.194 dyn/cm^2, width = 20 cm, height = 10 cm, load_width = 10 cm
+""")
 
 
 def converged() -> float:
@@ -44,7 +41,6 @@ class StaticCompression(Static):
     units = {"u_y_top_centre_cm": ("cm", "u_y of the top centre")}
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
-        """Solve the block with ``2 elements x elements`` cells (collective)."""
         values, n = self.values, mesh.elements
         width, height = values["width"], values["height"]
         body = compressed_block(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 from valvefsi.benchmarks import references
+from valvefsi.benchmarks.options import quantities
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, answer_of
 from valvefsi.geometry.benchmark_shapes import COOK, cook_membrane
@@ -18,11 +19,7 @@ from valvefsi.solid import statics
 from valvefsi.solid.loads import DeadLoad
 from valvefsi.solid.materials import NeoHookean
 
-PARAMETERS = {
-    "traction": (6.25, "dyn/cm^2"),
-    "c1": (250.0 / 3.0, "dyn/cm^2"),
-    "scale": (1.0, "1"),
-}
+PARAMETERS = quantities("traction = 6.25 dyn/cm^2, c1 = 250/3 dyn/cm^2, scale = 1")
 
 
 def band() -> tuple[float, float]:
@@ -43,7 +40,6 @@ class StaticCook(Static):
     units = {"u_y_corner_cm": ("cm", "u_y of the upper right corner")}
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
-        """Solve the membrane with ``elements x elements`` cells (collective)."""
         values, scale = self.values, self.values["scale"]
         body = cook_membrane(comm, elements=mesh.elements, cell=mesh.cell, scale=scale)
         material = NeoHookean(c1=values["c1"])

@@ -19,7 +19,7 @@ from mpi4py import MPI
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from valvefsi.benchmarks.options import Values
+from valvefsi.benchmarks.options import Values, quantities
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, StaticParts, answer_of
 from valvefsi.geometry.benchmark_shapes import thick_cylinder
@@ -29,18 +29,10 @@ from valvefsi.solid.loads import DeadLoad, Pressure
 from valvefsi.solid.materials import fibres
 from valvefsi.solid.materials.fibre_reinforced import HGO, FibreFamily
 
-PARAMETERS = {
-    "c10": (1.21e4, "dyn/cm^2"),
-    "c01": (7.99, "1"),
-    "k1": (2.426e5, "dyn/cm^2"),
-    "k2": (57.62, "1"),
-    "kappa": (0.1, "1"),
-    "stretch_1": (1.08, "1"),
-    "stretch_2": (1.15, "1"),
-    "pressure": (2.0e4, "dyn/cm^2"),
-    "inner": (1.0, "cm"),
-    "outer": (1.2, "cm"),
-}
+PARAMETERS = quantities("""
+    c10 = 1.21e4 dyn/cm^2, c01 = 7.99, k1 = 2.426e5 dyn/cm^2, k2 = 57.62, kappa = 0.1, stretch_1 = 1.08,
+    stretch_2 = 1.15, pressure = 2e4 dyn/cm^2, inner = 1 cm, outer = 1.2 cm
+""")
 """The moduli are of the size of a valve leaflet's; they are parameters, not a fit and not a reference."""
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.benchmarks import references
-from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, StaticParts, answer_of
 from valvefsi.geometry.benchmark_shapes import truncated_ellipsoid
@@ -27,20 +27,11 @@ from valvefsi.solid.loads import Pressure
 from valvefsi.solid.materials import fibres
 from valvefsi.solid.materials.cardiac import Contracting, Guccione, ellipsoid_fibres
 
-KPA = 1.0e4
-FIBRE = {"bf": (8.0, "1"), "bt": (2.0, "1"), "bfs": (4.0, "1")}
-BEAM = {"C": (2.0 * KPA, "dyn/cm^2"), **FIBRE, "pressure": (0.004 * KPA, "dyn/cm^2")}
-INFLATION = {
-    "C": (10.0 * KPA, "dyn/cm^2"),
-    **dict.fromkeys(FIBRE, (1.0, "1")),
-    "pressure": (10.0 * KPA, "dyn/cm^2"),
-}
-CONTRACTION = {
-    "C": (2.0 * KPA, "dyn/cm^2"),
-    **FIBRE,
-    "pressure": (15.0 * KPA, "dyn/cm^2"),
-    "tension": (60.0 * KPA, "dyn/cm^2"),
-}
+BEAM = quantities("C = 2e4 dyn/cm^2, bf = 8, bt = 2, bfs = 4, pressure = 40 dyn/cm^2")
+INFLATION = quantities("C = 1e5 dyn/cm^2, bf = 1, bt = 1, bfs = 1, pressure = 1e5 dyn/cm^2")
+CONTRACTION = quantities("""
+    C = 2e4 dyn/cm^2, bf = 8, bt = 2, bfs = 4, pressure = 1.5e5 dyn/cm^2, tension = 6e5 dyn/cm^2
+""")
 SHORT, LONG = (0.7, 1.0), (1.7, 2.0)
 APEX = {"z_apex_endo_mm": ("mm", "z of the inner apex"), "z_apex_epi_mm": ("mm", "z of the outer apex")}
 

@@ -108,7 +108,6 @@ class Strips(Benchmark[Strip, None]):
         return {"strip": asdict(run), "label": self.label(run), "ratios": found}
 
     def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return all ratios, and how many pass."""
         lines: list[Row] = []
         counts = {"ratios": 0, "passed": 0, "not_found": 0}
         for record in records:
@@ -128,7 +127,6 @@ class Strips(Benchmark[Strip, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw all ratios."""
         from valvefsi.post.plots.bending import ratio_points
 
         ratio_points(out / "strips.png", [(record["strip"], record["ratios"]) for record in records])

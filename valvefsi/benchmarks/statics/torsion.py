@@ -12,19 +12,17 @@ from dataclasses import dataclass, replace
 from mpi4py import MPI
 
 from valvefsi.benchmarks import references
+from valvefsi.benchmarks.options import quantities
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, answer_of
 from valvefsi.geometry.shapes import box
 from valvefsi.solid import statics
 from valvefsi.solid.materials import MooneyRivlin
 
-PARAMETERS = {
-    "c1": (9000.0, "dyn/cm^2"),
-    "c2": (9000.0, "dyn/cm^2"),
-    "width": (1.0, "cm"),
-    "height": (6.0, "cm"),
-    "angle": (2.5 * math.pi, "1"),
-}
+PARAMETERS = quantities(
+    "c1 = 9000 dyn/cm^2, c2 = 9000 dyn/cm^2, width = 1 cm, height = 6 cm",
+    angle=(2.5 * math.pi, "1"),
+)
 FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """The angles reported, as parts of the last one."""
 NAMES = tuple(f"u_y_{part:g}_of_angle_cm" for part in FRACTIONS)

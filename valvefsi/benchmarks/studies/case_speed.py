@@ -36,7 +36,7 @@ class TimedBody(Timed):
 
 
 def report(case: Path, overrides: Sequence[str], folder: Path | None, steps: int, comm: MPI.Comm) -> Report:
-    """Time steps of a case.
+    """Time steps of a case (collective).
 
     Args:
         case: Its file.
@@ -47,9 +47,6 @@ def report(case: Path, overrides: Sequence[str], folder: Path | None, steps: int
 
     Raises:
         CaseError: The case cannot be read or built, or there is no checkpoint.
-
-    Note:
-        Collective.
     """
     from valvefsi.case import load_case
     from valvefsi.case.build import build

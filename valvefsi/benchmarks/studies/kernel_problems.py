@@ -21,7 +21,7 @@ from valvefsi.benchmarks.immersed import compression, cook, shell
 from valvefsi.benchmarks.immersed.compression import BOX, LENGTH
 from valvefsi.benchmarks.immersed.numerics import Numerics
 from valvefsi.benchmarks.immersed.study import GridStudy
-from valvefsi.benchmarks.options import Parameters, Values, changed, texts
+from valvefsi.benchmarks.options import Parameters, Values, changed, defaults, texts
 from valvefsi.benchmarks.running import History, late_mean, late_size
 from valvefsi.benchmarks.statics.compression import StaticCompression
 from valvefsi.benchmarks.statics.study import Mesh
@@ -232,7 +232,7 @@ class RestingShell(StudyProblem):
         }
 
     def ratio(self, numerics: Numerics) -> float:
-        wall = shell.PARAMETERS["wall"][0] * numerics.grid
+        wall = defaults(shell.PARAMETERS)["wall"] * numerics.grid
         return wall / max(1, round(wall / numerics.ratio))
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, Result, Session, public
-from valvefsi.benchmarks.options import Parameters, Values, defaults, option
+from valvefsi.benchmarks.options import Values, defaults, option, quantities
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import time_of_pair
 from valvefsi.benchmarks.studies import case_speed, cost_model, elastic_speed
@@ -30,13 +30,11 @@ from valvefsi.grid import Faces, MacGrid
 from valvefsi.runtime import threads
 from valvefsi.runtime.clock import Timed
 
-PARAMETERS: Parameters = {
-    "rho": (1.0, "g/cm^3"),
-    "mu": (0.01, "dyn*s/cm^2"),
-    "cfl": (0.3, "1"),
-    "advection": ("centred", tuple(SCHEMES)),
-    "viscous": ("implicit", ("implicit", "explicit")),
-}
+PARAMETERS = quantities(
+    "rho = 1 g/cm^3, mu = 0.01 dyn*s/cm^2, cfl = 0.3",
+    advection=("centred", tuple(SCHEMES)),
+    viscous=("implicit", ("implicit", "explicit")),
+)
 PARTS = ("viscous solves", "pressure solve", "ghosts", "right-hand side", "projection")
 CALIBRATION = 96
 """Cells along each axis of the grid from which the cost model takes the constants of one core."""
@@ -74,11 +72,9 @@ class Speed(Benchmark[int, Yardsticks]):
             raise CaseError("a state is that of a case; give --case", key="--state", value=self.state)
 
     def read(self) -> Values:
-        """Read the parameters; those of a case are in its file."""
         return defaults(self.parameters) if self.case else super().read()
 
     def execute(self, session: Session) -> Result:
-        """Time grids, or a case, see `Command.run`."""
         if not self.case:
             return super().execute(session)
         folder = Path(self.state) if self.state else None
