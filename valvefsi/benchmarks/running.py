@@ -210,6 +210,33 @@ def time_of_pair(cells: Sequence[int]) -> float:
     return time.perf_counter() - started
 
 
+def in_turns(step: Callable[[], None], grid: MacGrid, steps: int) -> tuple[list[float], list[float]]:
+    """Return the times of steps, after two that are not timed, and of a pair of transforms after each [s] (collective).
+
+    They take turns, so that a load on the machine that comes and goes slows both.
+    """
+    times, pairs = [], []
+    for _ in range(steps + 2):
+        grid.comm.barrier()
+        started = time.perf_counter()
+        step()
+        grid.comm.barrier()
+        times.append(time.perf_counter() - started)
+        pairs.append(grid.comm.bcast(time_of_pair(grid.cells[: grid.dim]) if grid.comm.rank == 0 else None))
+    return times[2:], pairs[2:]
+
+
+def pace(times: Sequence[float], pairs: Sequence[float]) -> dict[str, Any]:
+    """Return medians and range of times of steps and pairs, as results hold them."""
+    step, pair = float(np.median(times)), float(np.median(pairs))
+    return {
+        "step_ms": 1e3 * step,
+        "step_ms_range": [1e3 * min(times), 1e3 * max(times)],
+        "dct_pair_ms": 1e3 * pair,
+        "pairs_per_step": step / pair,
+    }
+
+
 def outline_of(along: Array, across: Array, half: float, end: float) -> Indices:
     """Return numbers of the points on the outline of a strip: up one side, over its end, down the other, ``(m,)``.
 

@@ -20,6 +20,7 @@ from valvefsi.errors import ConvergenceError
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.grid import Array, Faces, MacGrid
 from valvefsi.post import diagnostics
+from valvefsi.post.plots.decay import centre_lines
 
 SOURCE = "Ghia et al. 1982, tables I and II"
 NOTE = "the table for Re 100 is itself off by about 0.009 in one place"
@@ -63,8 +64,6 @@ class Cavity(Single):
         )
 
     def _draw(self, out: Path, curves: dict[str, Any]) -> None:
-        from valvefsi.post.plots.decay import centre_lines
-
         name = f"Cavity at Re {self.reynolds}, {self.cells} x {self.cells} cells"
         points = {c: tuple(zip(*published(self.reynolds, c), strict=True)) for c in "uv"}
         centre_lines(out / "profiles.png", curves, points, title=name)

@@ -23,6 +23,7 @@ from valvefsi.benchmarks.results import order_row, row
 from valvefsi.fluid.boundary import Boundary, Open
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import Array, MacGrid
+from valvefsi.post.plots.decay import profiles
 
 KINDS = ("poiseuille", "womersley")
 
@@ -74,8 +75,6 @@ class Channel(Benchmark[int, None]):
         )
 
     def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
-        from valvefsi.post.plots.decay import profiles
-
         curves = {kind: list(flow.values()) for kind, flow in records[-1]["_curves"].items()}
         title = f"Flow in a channel, {records[-1]['cells']} cells across"
         profiles(out / "profiles.png", curves, title=title)

@@ -27,6 +27,7 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.geometry.aortic_section import AorticSection, closing_plate, joined
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.decay import leak
 from valvefsi.run.simulation import Simulation
 from valvefsi.types import Array
 from valvefsi.units import MMHG
@@ -85,8 +86,6 @@ class Leakage(Single):
         )
 
     def _draw(self, out: Path, t: Array, flow: Array) -> None:
-        from valvefsi.post.plots.decay import leak
-
         v = self.values
         what = "with sinuses" if v["sinuses"] == "yes" else "without sinuses"
         case = f"h = {10 * v['h']:.3g} mm, {v['pressure'] / MMHG:.4g} mmHg"

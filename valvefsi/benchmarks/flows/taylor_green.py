@@ -27,6 +27,7 @@ from valvefsi.fluid.boundary import SIDES, Boundary, FreeSlip
 from valvefsi.grid import Array, MacGrid
 from valvefsi.io.folder import replacing
 from valvefsi.post import diagnostics
+from valvefsi.post.plots.decay import decay
 from valvefsi.verification.norms import normalised_difference
 
 PARAMETERS = quantities(
@@ -94,8 +95,6 @@ class TaylorGreen(Single):
         )
 
     def _draw(self, out: Path, c: Curves) -> None:
-        from valvefsi.post.plots.decay import decay
-
         curves = (c.t, c.energy, c.loss, c.resolved)
         header = "t,energy,loss,resolved"
         with replacing(out / "decay.csv") as path:

@@ -36,6 +36,7 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.geometry.aortic_section import SPACING, PointSurface
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.tube import start_up_flow
 from valvefsi.types import Array, Faces
 
 PARAMETERS = quantities(
@@ -249,8 +250,6 @@ class Tube(Single):
 
     def _draw(self, out: Path, t: Array, flow: Array, error: Array) -> None:
         """Draw the flow over the series, and how far it is off."""
-        from valvefsi.post.plots.tube import start_up_flow
-
         exact = start_up(t, self.values["relaxation"])
         title = f"Tube of held points, {self.across:.3g} cells across, {self.angle} degrees to the grid"
         start_up_flow(out / "flow.png", (t[1:], flow[1:], exact[1:], error[1:]), title=title)

@@ -17,7 +17,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -25,7 +25,7 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
-from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, couple
+from valvefsi.benchmarks.immersed.study import COUPLINGS, Numerics, couple
 from valvefsi.benchmarks.options import option, quantities
 from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.benchmarks.running import flow_of, time_of_pair
@@ -35,12 +35,10 @@ from valvefsi.coupling.kernels import KERNELS
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.geometry.blocks import ball
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.immersed import Line, Panel, panels
 from valvefsi.run.simulation import timed
 from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
-
-if TYPE_CHECKING:
-    from valvefsi.post.plots.immersed import Line
 
 PARAMETERS = quantities("""
     c1 = 0.05 dyn/cm^2, p0 = 0.05 dyn/cm^2, rho = 1 g/cm^3, mu = 0.01 dyn*s/cm^2, lid = 1 cm/s,
@@ -193,8 +191,6 @@ class SoftBody(Benchmark[int, None]):
         ]
 
     def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
-        from valvefsi.post.plots.immersed import Line, Panel, panels
-
         def lines(x: str, y: str) -> list[Line]:
             return [
                 Line(label=f"N = {r['cells']}", x=r["history"][x], y=r["history"][y], colour=k)

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
-from valvefsi.benchmarks.immersed.numerics import Numerics
-from valvefsi.benchmarks.immersed.study import SolidStudy
+from valvefsi.benchmarks.immersed.study import Numerics, SolidStudy
 from valvefsi.benchmarks.options import option, quantities, texts
-from valvefsi.benchmarks.statics.cook import StaticCook, band
+from valvefsi.benchmarks.statics.solids import StaticCook, cook_band
 from valvefsi.benchmarks.statics.study import Mesh
 from valvefsi.geometry.benchmark_shapes import COOK, cook_membrane
 from valvefsi.grid import MacGrid
@@ -77,6 +76,6 @@ class Cook(SolidStudy):
         return answer.values["u_y_corner_cm"], f"mixed u-p statics, {FINE} x {FINE}, this run"
 
     def elsewhere(self) -> list[tuple[float | str, str]]:
-        low, high = band()
+        low, high = cook_band()
         source = "immersed, over kernels; second-hand"
         return [(f"{low} ... {high}", source)] if self.published("traction", "c1") else []

@@ -38,6 +38,7 @@ from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import History, completed
 from valvefsi.coupling.kernels import BSPLINE, KERNELS
+from valvefsi.post.plots.plate import thin_plate
 from valvefsi.run.recording import Output
 from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Simulation
@@ -256,8 +257,6 @@ class Plate(Benchmark[Case, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        from valvefsi.post.plots.plate import thin_plate
-
         title = f"Plate held across {self.length} spacings, and its waves"
         thin_plate(
             out / "plate.png",

@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
-from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, couple
+from valvefsi.benchmarks.immersed.study import COUPLINGS, Numerics, couple
 from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.bodies.elastic import Elastic
@@ -31,6 +31,7 @@ from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.geometry.blocks import ring
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.immersed import Line, Panel, panels
 from valvefsi.solid.materials.fibres import circumferential
 from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
@@ -170,8 +171,6 @@ class Shell(Benchmark[Series, None]):
         return [line, row("  spurious velocity", q["u_max"], source="exact 0", unit="cm/s")]
 
     def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
-        from valvefsi.post.plots.immersed import Line, Panel, panels
-
         def panel(kind: str, key: str, label: str) -> Panel:
             chosen = {n: runs for n, runs in _by_series(records).items() if n.startswith(kind)}
             lines = [

@@ -1,4 +1,4 @@
-"""A grid study of an immersed problem, stabilised and not: runs, table, observed order, picture."""
+"""A grid study of an immersed problem, stabilised and not: how it is coupled, runs, table, observed order, picture."""
 
 from __future__ import annotations
 
@@ -7,26 +7,80 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public
-from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, immersed_model
 from valvefsi.benchmarks.options import Values, option
 from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.benchmarks.running import History, attempt, fixed_steps, late_mean, late_size
+from valvefsi.bodies.elastic import Elastic
+from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.kernels import KERNELS
+from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary
+from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.fsi import Model
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.immersed import Line, Panel, panels
 from valvefsi.run.recording import Probe
 from valvefsi.run.simulation import Simulation
+from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.structure import Structure
 from valvefsi.verification.convergence import ratios_of
 
-if TYPE_CHECKING:
-    from valvefsi.post.plots.immersed import Line
+COUPLINGS = ("nodal", "elemental", "lumped")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numerics:
+    """How a problem is discretised and coupled.
+
+    Attributes:
+        grid: Cells along the box, as the problem counts them.
+        ratio: Element size over grid spacing.
+        kernel: Name of the regularised delta function.
+        coupling: "nodal", "elemental", or "lumped": elemental with the lumped mass.
+        nu_stab: Numerical Poisson ratio (S22), None for no volumetric energy.
+    """
+
+    grid: int
+    ratio: float = 1.0
+    kernel: str = "bspline3"
+    coupling: str = "nodal"
+    nu_stab: float | None = 0.4
+
+    def __post_init__(self) -> None:
+        """Check the coupling."""
+        if self.coupling not in COUPLINGS:
+            message = 'expected "nodal", "elemental" or "lumped"'
+            raise CaseError(message, key="--coupling", value=self.coupling)
+
+    @property
+    def name(self) -> str:
+        """Name of the run's folder."""
+        held = "off" if self.nu_stab is None else f"{self.nu_stab:g}"
+        return f"N{self.grid}-r{self.ratio:g}-{self.kernel}-{self.coupling}-{held}"
+
+
+def couple(fluid: NavierStokes, solid: Structure, numerics: Numerics) -> Coupling | ElementalCoupling:
+    """Return the coupling that the numerics ask for (collective)."""
+    grid, signs = fluid.grid, fluid.boundary.signs
+    if numerics.coupling == "nodal":
+        return Coupling(grid, numerics.kernel, signs)
+    mass = "lumped" if numerics.coupling == "lumped" else "consistent"
+    return ElementalCoupling(grid, numerics.kernel, ElementPoints(solid, mass), signs=signs)
+
+
+def immersed_model(
+    grid: MacGrid, boundary: Boundary, solid: Structure, numerics: Numerics, values: Values
+) -> Model:
+    """Return the model of one solid in one box; ``values`` holds rho and mu (collective)."""
+    flow = NavierStokes(grid, boundary, rho=values["rho"], mu=values["mu"])
+    return Model(grid=grid, fluid=flow, bodies=(Elastic(solid, couple(flow, solid, numerics)),))
+
 
 KINDS = {True: "stabilised", False: "not stabilised"}
 HELD = {"on": (True,), "off": (False,), "both": (True, False)}
@@ -208,8 +262,6 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         return [row(name.format(n), abs(free[n] / kept[n])) for n in kept if n in free]
 
     def draw(self, records: Sequence[Record], reference: Incompressible, out: Path) -> None:
-        from valvefsi.post.plots.immersed import Line, Panel, panels
-
         name, change = f"{self.main} [cm]", f"{self.measure} change"
         same = {"reference": reference.value, "reference_label": "incompressible statics", "ylabel": name}
         time = _over_time(records, self.key), _over_time(records, self.change, labels=False)
@@ -266,8 +318,6 @@ def _label(record: Record) -> str:
 
 
 def _over_time(records: Sequence[Record], column: str, *, labels: bool = True) -> list[Line]:
-    from valvefsi.post.plots.immersed import Line
-
     grids = sorted({r["numerics"]["grid"] for r in records})
     return [
         Line(
@@ -283,8 +333,6 @@ def _over_time(records: Sequence[Record], column: str, *, labels: bool = True) -
 
 def _over_grids(records: Sequence[Record], key: str) -> list[Line]:
     """Return a quantity over the cells, one line for each kind of run."""
-    from valvefsi.post.plots.immersed import Line
-
     lines = []
     for colour, (kind, text) in enumerate(KINDS.items()):
         series = [r for r in records if held(r) is kind and not r["failed"]]

@@ -20,11 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks.immersed.numerics import Numerics
-from valvefsi.benchmarks.immersed.study import SolidStudy
+from valvefsi.benchmarks.immersed.study import Numerics, SolidStudy
 from valvefsi.benchmarks.options import option, quantities
 from valvefsi.benchmarks.running import History
-from valvefsi.benchmarks.statics.torsion import computed
+from valvefsi.benchmarks.statics.solids import column_rises
 from valvefsi.geometry.shapes import box
 from valvefsi.grid import MacGrid
 from valvefsi.run.recording import Probe
@@ -94,7 +93,7 @@ class Torsion(SolidStudy):
         return super().quantities(history) | {"largest_change_percent": largest}
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-        table, values = computed(), self.values
+        table, values = column_rises(), self.values
         part = values["angle"] / (2.5 * math.pi)
         nearest = min(table, key=lambda p: abs(p - part))
         same = values["c1"] == values["c2"]  # only their ratio matters

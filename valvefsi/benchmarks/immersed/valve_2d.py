@@ -57,6 +57,7 @@ from valvefsi.geometry.polygon_gap import gap
 from valvefsi.grid import MacGrid
 from valvefsi.grid.grading import graded_edges
 from valvefsi.post import diagnostics
+from valvefsi.post.plots.valve_2d import in_the_flow, tips
 from valvefsi.run.planning import step_limits
 from valvefsi.run.simulation import Simulation
 from valvefsi.run.stable_step import measured_limit
@@ -275,8 +276,6 @@ class Valve2D(Benchmark[int, None]):
         }
 
     def _pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[Snapshot]) -> None:
-        from valvefsi.post.plots.valve_2d import in_the_flow, tips
-
         name = f"Two leaflets in a channel, {cells} cells across, {self.kernel}"
         curves = {key.removesuffix("_cm"): h[key] for key in Watch.columns} | {"t": h["t_s"]}
         tips(folder / "tips.png", curves, published(), name)

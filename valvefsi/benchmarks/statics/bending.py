@@ -30,6 +30,7 @@ from valvefsi.benchmarks.results import row
 from valvefsi.case.materials import make_material
 from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.geometry.shapes import box
+from valvefsi.post.plots.bending import edge_series
 from valvefsi.solid import statics
 from valvefsi.solid.loads import Pressure
 from valvefsi.solid.materials import fibres
@@ -324,7 +325,5 @@ class Bending(Benchmark[Strip, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        from valvefsi.post.plots.bending import edge_series
-
         title = f"Bending stiffness of a strip, {self.material}"
         edge_series(out / "bending.png", records[0]["series"], title=title)

@@ -19,6 +19,7 @@ from valvefsi.benchmarks.options import option
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.statics.bending import Strip, answers, ratio_of, reference_counts
 from valvefsi.errors import ConvergenceError
+from valvefsi.post.plots.bending import ratio_points
 from valvefsi.solid.statics import SolidShell, TaylorHood
 
 MATERIALS = {
@@ -127,8 +128,6 @@ class Strips(Benchmark[Strip, None]):
         )
 
     def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        from valvefsi.post.plots.bending import ratio_points
-
         ratio_points(out / "strips.png", [(record["strip"], record["ratios"]) for record in records])
 
 

@@ -28,6 +28,7 @@ from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.geometry.shapes import box
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.bending import over_kappa
 from valvefsi.run.stable_step import measured_limit
 from valvefsi.solid import statics
 from valvefsi.solid.loads import Pressure
@@ -172,8 +173,6 @@ class BulkModulus(Benchmark[float, float]):
         )
 
     def draw(self, records: Sequence[Record], reference: float, out: Path) -> None:
-        from valvefsi.post.plots.bending import over_kappa
-
         keys = [key for key, value in records[0].items() if isinstance(value, float)]
         columns = {key: np.array([r[key] for r in records]) for key in keys}
         columns["deflection_error_percent"] = 100 * (columns["deflection_cm"] / reference - 1)

@@ -19,11 +19,10 @@ from mpi4py import MPI
 from valvefsi.benchmarks.frame import Job, Record
 from valvefsi.benchmarks.immersed import compression, cook, shell
 from valvefsi.benchmarks.immersed.compression import BOX, LENGTH
-from valvefsi.benchmarks.immersed.numerics import Numerics
-from valvefsi.benchmarks.immersed.study import GridStudy
+from valvefsi.benchmarks.immersed.study import GridStudy, Numerics
 from valvefsi.benchmarks.options import Parameters, Values, changed, defaults, texts
 from valvefsi.benchmarks.running import History, late_mean, late_size
-from valvefsi.benchmarks.statics.compression import StaticCompression
+from valvefsi.benchmarks.statics.solids import StaticCompression
 from valvefsi.benchmarks.statics.study import Mesh
 from valvefsi.errors import StabilityError
 

@@ -1,11 +1,13 @@
 """Speed of the fluid step: phases, and the ratio to a fast cosine transform of the same grid in the same run.
 
 One pair is scipy.fft.dctn and idctn of the grid on one thread: a yardstick that moves with the machine. The bytes that
-a step must move, over its time, compare with the bandwidth of a triad on all ranks at once.
+a step must move, over its time, compare with the bandwidth of a triad on all ranks at once. What a planned run would
+take on other numbers of ranks follows by the cost model for the fluid, in equal shares for the solids.
 """
 
 from __future__ import annotations
 
+import itertools
 import resource
 import time
 from collections import defaultdict
@@ -20,8 +22,9 @@ from mpi4py import MPI
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, Result, Session, public
 from valvefsi.benchmarks.options import Values, defaults, option, quantities
 from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import time_of_pair
+from valvefsi.benchmarks.running import in_turns, pace
 from valvefsi.benchmarks.studies import case_speed, cost_model, elastic_speed
+from valvefsi.bodies.body import Entry
 from valvefsi.errors import CaseError
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary, Wall
@@ -182,18 +185,15 @@ def measure(cells: tuple[int, ...], steps: int, parameters: Values, comm: MPI.Co
     phases: dict[str, float] = defaultdict(float)
     dt = min(parameters["cfl"] / n, fluid.dt_limit)
     times, pairs = _march(fluid, dt, steps, phases)
-    step, pair = float(np.median(times)), float(np.median(pairs))
+    step = float(np.median(times))
     grown = comm.allreduce((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024.0)
     return {
         "N": n,
         "cells": n**dim,
         "ranks": comm.size,
         "threads": threads.count(),
-        "step_ms": 1e3 * step,
-        "step_ms_range": [1e3 * min(times), 1e3 * max(times)],
+        **pace(times, pairs),
         "set_up_ms": 1e3 * set_up,
-        "dct_pair_ms": 1e3 * pair,
-        "pairs_per_step": step / pair,
         "cell_steps_per_s": n**dim / step,
         # The process grows by its largest grid so far: no number for a grid that is small beside the rest.
         "memory_growth_float64_per_cell": grown / 8.0 / n**dim if n**dim > 10**6 else None,
@@ -219,26 +219,21 @@ def _traffic(n: int, dim: int, step: float, parameters: Values, comm: MPI.Comm) 
 def _march(
     fluid: NavierStokes, dt: float, steps: int, phases: dict[str, float]
 ) -> tuple[list[float], list[float]]:
-    """Take two steps and then ``steps`` more; return their times on all ranks together, and those of pairs after them.
-
-    Pairs and steps take turns, so that a load on the machine that comes and goes slows both [s].
-    """
+    """Take two steps and then ``steps`` more; return their times and those of pairs after them [s]."""
     grid = fluid.grid
-    clocked = _clock(fluid, phases)
+    clocked, count = _clock(fluid, phases), itertools.count()
     u, p, f = fluid.fill(_swirl(grid), 0.0), grid.zeros(), grid.zero_faces()
-    N_old, times, pairs = fluid.advection(u), [], []
-    for k in range(steps + 2):
-        if k == 2:
+    N_old = fluid.advection(u)
+
+    def step() -> None:
+        nonlocal u, p, N_old
+        if (k := next(count)) == 2:
             phases.clear()
-        grid.comm.barrier()
-        started = time.perf_counter()
         N = clocked.advection(u)
         u, p = clocked.step(u, p, (N, N_old, 1.0), f, k * dt, dt)
         N_old = N
-        grid.comm.barrier()
-        times.append(time.perf_counter() - started)
-        pairs.append(grid.comm.bcast(time_of_pair(grid.cells[: grid.dim]) if grid.comm.rank == 0 else None))
-    return times[2:], pairs[2:]
+
+    return in_turns(step, grid, steps)
 
 
 def _swirl(grid: MacGrid) -> Faces:
@@ -279,3 +274,49 @@ def _exclusive(phases: dict[str, float]) -> dict[str, float]:
         if inside:
             phases[name] -= inside
     return {**phases, **({"transposes": moves} if moves else {}), "all else": rest}
+
+
+RANKS = (2, 64, 512)
+"""Numbers of ranks that a plan is made for."""
+
+
+def on_more_ranks(
+    plan: Sequence[Entry], comm: MPI.Comm, *, advection: str, viscous: str, ranks: Sequence[int] = RANKS
+) -> list[Entry]:
+    """Return the expected time of a planned run on other numbers of ranks, none where the grid is too small.
+
+    The fluid's part of a step grows or shrinks as the cost model says for a cube of as many cells; the network between
+    machines is assumed there. The solids' part is divided by the number of ranks, and so is the memory of the fields.
+
+    Args:
+        plan: The plan on the ranks of ``comm``, of a case in three dimensions.
+        comm: Communicator of the plan.
+        advection: Advection scheme.
+        viscous: "implicit" or "explicit".
+        ranks: Numbers of ranks.
+
+    Note:
+        Collective.
+    """
+    value = {entry.quantity: float(entry.value) for entry in plan if not isinstance(entry.value, str)}
+    step, share = value["time of a step"] * 1e-3, value["fluid's part of a step"] / 100.0
+    n, steps = round(value["cells"] ** (1.0 / 3.0)), value["steps"]
+    parameters = defaults(PARAMETERS) | {"advection": advection, "viscous": viscous}
+    machine, network = machine_here(parameters, comm), cost_model.Network()
+    solves = 4 if viscous == "implicit" else 1
+
+    def fluid(count: int) -> float:
+        work = cost_model.work(n, count, solves=solves, advection=advection)
+        return cost_model.predict(work, machine, network)["step"]
+
+    entries, here = [], fluid(comm.size)
+    for count in ranks:
+        try:
+            each = step * (share * fluid(count) / here + (1.0 - share) * comm.size / count)
+        except ValueError:  # too many ranks for the grid
+            continue
+        note = f"{1e3 * each:.3g} ms a step" + ("" if count == comm.size else ", predicted")
+        entries.append(
+            Entry(quantity=f"on {count} ranks", value=each * steps, unit="s", note=note, wall=True)
+        )
+    return entries
