@@ -18,7 +18,7 @@ from __future__ import annotations
 import itertools
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -201,12 +201,8 @@ def build(cells: int, parameters: Values, comm: MPI.Comm) -> tuple[fsi.Model, fl
     edges = [graded_edges(along), graded_edges(across)]
     grid = MacGrid.graded(edges, [False, False], comm)
     stream = Wall(velocity=(1.0, 0.0))
-    sides: Mapping[str, Wall | Open | FreeSlip] = {
-        "x_lower": stream,
-        "x_upper": Open(),
-        "y_lower": FreeSlip(),
-        "y_upper": FreeSlip(),
-    }
+    sides: dict[str, Wall | Open | FreeSlip] = {"x_lower": stream, "x_upper": Open()}
+    sides |= dict.fromkeys(("y_lower", "y_upper"), FreeSlip())
     mu = 1.0 / parameters["reynolds"]
     dt = parameters["cfl"] * h / 1.6  # the stream is up to 1.6 times as fast beside the cylinder
     fluid = flow_of(grid, Boundary(grid, sides), dt, rho=1.0, mu=mu, advection="xsppm7")
@@ -259,12 +255,8 @@ class CylinderFitted(Shedding[float]):
         flow, cells = flow_around(run, self.values, job.comm)
         forces = march(flow, self.values["t_end"], job)
         flow.destroy()
-        mesh = {
-            "size": run,
-            "cells": cells,
-            "unknowns": flow.space.dofmap.index_map.size_global,
-            "dt": flow.dt,
-        }
+        unknowns = flow.space.dofmap.index_map.size_global
+        mesh = {"size": run, "cells": cells, "unknowns": unknowns, "dt": flow.dt}
         return {"grid": mesh, "steps": len(forces.t), "quantities": numbers(forces), "_forces": forces}
 
 

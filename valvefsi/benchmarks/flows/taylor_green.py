@@ -49,11 +49,6 @@ class Curves:
     loss: Array
     resolved: Array
 
-    @classmethod
-    def of(cls, t: Array, energy: Array, resolved: Array) -> Curves:
-        """Return the curves with the loss from the energy."""
-        return cls(t=t, energy=energy, loss=-np.gradient(energy, t), resolved=resolved)
-
 
 @dataclass(frozen=True, kw_only=True)
 class TaylorGreen(Single):
@@ -169,7 +164,8 @@ def march(cells: int, parameters: Values, job: Job) -> tuple[Curves, int]:
             energy, resolved = diagnostics.kinetic_energy(grid, u, 1.0), diagnostics.dissipation(grid, u, nu)
             rows.append((t, energy / volume, resolved / volume))
         if t >= t_end:
-            return Curves.of(*np.array(rows).T), k
+            times, energies, rates = np.array(rows).T
+            return Curves(t=times, energy=energies, loss=-np.gradient(energies, times), resolved=rates), k
         dt = min(parameters["cfl"] / rate, 1.05 * state.dt if state else np.inf)
         state = fsi.step(model, state or fsi.initial_state(model, dt, u), dt)
         u, t = state.u, state.t

@@ -149,28 +149,23 @@ class Compression(Single):
         title = "Compressed block, {elements} elements, {grid}$^2$ cells, {kernel}".format(**self.chosen)
         simulation.pictures(outcome.state, title=title, references=lines)
         q = job.comm.bcast(_quantities(job.folder, case) if job.comm.rank == 0 else None)
-        parameters, name, u_y, area = (
-            case_parameters(case),
-            "u_y of the top centre",
-            q[KEY],
-            q["area_change_percent"],
-        )
-        table = [row(name, u_y, exact, "mixed u-p statics, same mesh, this run", unit="cm")]
+        parameters, u_y = case_parameters(case), q[KEY]
+        source = "mixed u-p statics, same mesh, this run"
+        table = [row("u_y of the top centre", u_y, exact, source, unit="cm")]
         if all(parameters[key] == PARAMETERS[key][0] for key in ("traction", "c1")):
             table.append(row("", u_y, block_displacement(), "mixed elements, converged", unit="cm"))
         table += [
-            row("area change", area, 0.0, "incompressible", unit="%", relative=False),
+            row("area change", q["area_change_percent"], 0.0, "incompressible", unit="%", relative=False),
             row("smallest J", q["J_min"], source="1 when incompressible"),
             row("largest J", q["J_max"], source="1 when incompressible"),
         ]
-        timing = outcome.timing(simulation.model.grid)
         return Report(
             parameters=self.chosen | parameters,
             quantities=q,
             reference={KEY: exact},
             more={"relative_error": (u_y - exact) / abs(exact)},
             table=table,
-            timing=timing,
+            timing=outcome.timing(simulation.model.grid),
         )
 
 

@@ -36,7 +36,7 @@ from valvefsi.benchmarks.immersed.plate_model import (
 from valvefsi.benchmarks.immersed.plate_theory import ImmersedPlate, immersed_wave, kernel_wave
 from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import History, completed
+from valvefsi.benchmarks.running import Columns, History, completed
 from valvefsi.coupling.kernels import BSPLINE, KERNELS
 from valvefsi.post.plots.plate import thin_plate
 from valvefsi.run.recording import Output
@@ -76,18 +76,13 @@ class Case:
         return f"{self.kind}, {self.thickness:g} h"
 
 
-@dataclass(frozen=True)
-class Amplitude:
-    """Follows a weighted mean of the displacement along the plate's normal."""
+def amplitude(solid: Structure, weights: Array, normal: Array) -> Columns:
+    """Return what follows a weighted mean of the displacement along the plate's normal [cm]."""
 
-    solid: Structure
-    weights: Array
-    normal: Array
-    columns = ("amplitude_cm",)
+    def mean(state: fsi.State) -> list[float]:
+        return [solid.comm.allreduce(weights @ ((state.bodies[0]["chi"] - solid.X) @ normal))]
 
-    def row(self, state: fsi.State) -> dict[str, float]:
-        moved = (state.bodies[0]["chi"] - self.solid.X) @ self.normal
-        return {"amplitude_cm": float(self.solid.comm.allreduce(self.weights @ moved))}
+    return Columns(("amplitude_cm",), mean)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +167,7 @@ class Plate(Benchmark[Case, None]):
         middle = _mean_where(solid, along < 1e-6 * plate.length)
         ends = _mean_where(solid, along > (0.5 - 1e-6) * plate.length)
         schedule = self._schedule(model, plate, 2.0 * math.pi / omega)
-        output = self._output(run, job, schedule, Amplitude(solid, middle - ends, where.normal))
+        output = self._output(run, job, schedule, amplitude(solid, middle - ends, where.normal))
         h = completed(Simulation(model, schedule, output), job)
         t, w = h["t_s"], h["amplitude_cm"]
         exact = incompressible_deflection(plate, load, job.comm)
@@ -191,8 +186,8 @@ class Plate(Benchmark[Case, None]):
         exact = immersed_wave(plate)
         model, solid = model_of(plate, self.where(run), discrete, job.comm)
         schedule = self._schedule(model, plate, 2.0 * math.pi / exact.imag)
-        initial, amplitude = self._released(run, model, solid, schedule.dt)
-        output = self._output(run, job, schedule, amplitude)
+        initial, follower = self._released(run, model, solid, schedule.dt)
+        output = self._output(run, job, schedule, follower)
         found = decay(completed(Simulation(model, schedule, output, initial), job), exact)
         ratio = found.s.imag / exact.imag
         record = {
@@ -213,7 +208,7 @@ class Plate(Benchmark[Case, None]):
 
     def _released(
         self, run: Case, model: fsi.Model, solid: Structure, dt: float
-    ) -> tuple[fsi.State, Amplitude]:
+    ) -> tuple[fsi.State, Columns]:
         """Return a plate at rest, bent to a wave without shear, and what follows the wave (collective)."""
         plate, where, h = self.theory(run), self.where(run), self.values["h"]
         k, X = plate.wave_number, solid.X - self.discrete.middle(where)
@@ -223,7 +218,7 @@ class Plate(Benchmark[Case, None]):
         weights = solid.weights * shape
         weights /= solid.comm.allreduce(weights @ shape)
         state = replace(fsi.initial_state(model, dt), bodies=({"chi": chi},))
-        return state, Amplitude(solid, weights, where.normal)
+        return state, amplitude(solid, weights, where.normal)
 
     def _schedule(self, model: fsi.Model, plate: ImmersedPlate, period: float) -> Schedule:
         """Return some periods of steps that are a part of the largest stable one (collective)."""
@@ -233,11 +228,11 @@ class Plate(Benchmark[Case, None]):
         t_end = v["periods"] * period
         return Schedule(dt=t_end / steps, t_end=t_end, cfl_max=np.inf)
 
-    def _output(self, run: Case, job: Job, schedule: Schedule, amplitude: Amplitude) -> Output:
+    def _output(self, run: Case, job: Job, schedule: Schedule, follower: Columns) -> Output:
         return Output(
             directory=job.folder,
             history_every=max(1, schedule.num_steps // 500),
-            observers=(amplitude,),
+            observers=(follower,),
             provenance=self.values_of(run),
         )
 

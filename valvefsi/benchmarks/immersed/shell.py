@@ -31,6 +31,7 @@ from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.geometry.blocks import ring
 from valvefsi.grid import MacGrid
+from valvefsi.post.diagnostics import fastest_place
 from valvefsi.post.plots.immersed import Line, Panel, panels
 from valvefsi.solid.materials.fibres import circumferential
 from valvefsi.solid.structure import Structure
@@ -223,11 +224,6 @@ def _in_cells(grid: MacGrid, state: fsi.State) -> tuple[Array, Array]:
     return r, p - grid.comm.allreduce(p.sum()) / count
 
 
-def _fastest(grid: MacGrid, state: fsi.State) -> float:
-    local = max(np.abs(c[grid.owned_faces(d)]).max() for d, c in enumerate(state.u))
-    return float(grid.comm.allreduce(local, op=MPI.MAX))
-
-
 def shell_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[str, float]:
     """Return errors of p and the spurious velocity of the shell on one grid (collective)."""
     n, radius, wall = numerics.grid, values["radius"], values["wall"]
@@ -244,7 +240,7 @@ def shell_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[st
         "p_L1": error.L1,
         "p_L2": error.L2,
         "p_max": error.largest,
-        "u_max": _fastest(grid, state),
+        "u_max": fastest_place(grid, state.u)[0],
         "area_change_percent": 100.0 * (solid.volume(state.bodies[0]["chi"]) / solid.reference_volume - 1.0),
     }
 
@@ -259,4 +255,4 @@ def membrane_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict
     margin = 4.0 / n
     parts = [p[r < radius - margin], p[r > radius + margin]]
     inside, outside = (comm.allreduce(q.sum()) / comm.allreduce(q.size) for q in parts)
-    return {"jump": inside - outside, "u_max": _fastest(grid, state)}
+    return {"jump": inside - outside, "u_max": fastest_place(grid, state.u)[0]}

@@ -74,14 +74,6 @@ def couple(fluid: NavierStokes, solid: Structure, numerics: Numerics) -> Couplin
     return ElementalCoupling(grid, numerics.kernel, ElementPoints(solid, mass), signs=signs)
 
 
-def immersed_model(
-    grid: MacGrid, boundary: Boundary, solid: Structure, numerics: Numerics, values: Values
-) -> Model:
-    """Return the model of one solid in one box; ``values`` holds rho and mu (collective)."""
-    flow = NavierStokes(grid, boundary, rho=values["rho"], mu=values["mu"])
-    return Model(grid=grid, fluid=flow, bodies=(Elastic(solid, couple(flow, solid, numerics)),))
-
-
 KINDS = {True: "stabilised", False: "not stabilised"}
 HELD = {"on": (True,), "off": (False,), "both": (True, False)}
 
@@ -301,8 +293,9 @@ class SolidStudy(GridStudy):
         """Return the grid of the fluid with so many cells along its width (collective)."""
 
     def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
-        grid, values = self.box(numerics.grid, comm), self.values
-        model = immersed_model(grid, Boundary(grid), self.solid(numerics, comm), numerics, values)
+        grid, values, solid = self.box(numerics.grid, comm), self.values, self.solid(numerics, comm)
+        fluid = NavierStokes(grid, Boundary(grid), rho=values["rho"], mu=values["mu"])
+        model = Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, couple(fluid, solid, numerics)),))
         steps = round(values["t_end"] * numerics.grid / (values["dt_per_h"] * self.width))
         more: dict[str, Any] = {"cfl_max": 0.5, "checkpoint_wall_s": 0.0, "probes": (self.probe,)}
         return fixed_steps(model, folder, values["t_end"] / steps, steps, rows=self.rows, **more)

@@ -322,19 +322,12 @@ class TurekFsi(Benchmark[int, None]):
         lines = [row(f"{r['cells']} cells", "broke down", source=r["failed"][:90])] if r["failed"] else []
         for key, label, unit in LABELS:
             for what, value in zip(PARTS, published(self.case)[key], strict=True):
-                # a steady case has neither amplitude nor frequency
-                reference = value if self.comparable and abs(value) > 0.0 else None
+                # A steady case has neither amplitude nor frequency, a mean that is next to nothing no per cent.
+                compared = (value, SOURCE) if self.comparable and abs(value) > 0.0 else (None, "")
                 name = f"{label}, {what}, {r['cells']} cells" if what == "mean" else f"  {what}"
-                line = row(
-                    name,
-                    r["quantities"][key][what],
-                    reference,
-                    SOURCE if reference is not None else "",
-                    unit="1/s" if what == "frequency" else unit,
-                    relative=what != "mean"
-                    or key == "drag",  # a mean that is next to nothing has no per cent
-                )
-                lines.append(line)
+                kind = {"unit": "1/s" if what == "frequency" else unit}
+                relative = what != "mean" or key == "drag"
+                lines.append(row(name, r["quantities"][key][what], *compared, **kind, relative=relative))
         cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
         return [
             *lines,

@@ -76,18 +76,15 @@ PARAMETERS = quantities("""
 """Default and unit; ``ratio`` is element length over h, ``share`` the step over the limit measured at rest."""
 SOURCE = "Kamensky et al. 2015, digitised"
 REFINEMENT, SAMPLES = 1.5, 600
+LARGEST = {"max_dx": "largest dx of the upper tip", "max_dy": "largest dy"}
+"""What is compared, and its name in the table."""
 
 
 def published() -> dict[str, tuple[float, tuple[float, float]]]:
     """Return the largest displacements of the upper tip and their range over codes [cm]."""
-    table = references.read("kamensky2015")
-    return {
-        key: (
-            table.value("value", quantity=key),
-            (table.value("low", quantity=key), table.value("high", quantity=key)),
-        )
-        for key in ("max_dx", "max_dy")
-    }
+    number = references.read("kamensky2015").value
+    values = {key: [number(name, quantity=key) for name in ("value", "low", "high")] for key in LARGEST}
+    return {key: (value, (low, high)) for key, (value, low, high) in values.items()}
 
 
 def channel(cells: int, comm: MPI.Comm) -> MacGrid:
@@ -296,11 +293,9 @@ class Valve2D(Benchmark[int, None]):
     def _lines(self, r: Record) -> list[Row]:
         q, name = r["quantities"], f"N = {r['cells']}"
         lines = [row(name, "broke down", source=r["failed"][:90])] if r["failed"] else []
-        for key, label in (("max_dx", "largest dx of the upper tip"), ("max_dy", "largest dy")):
-            value, (low, high) = published()[key]
-            source = f"{SOURCE}; over codes {low} ... {high}" if self.comparable else ""
-            reference = value if self.comparable else None
-            lines.append(row(f"{label}, {name}", q[key], reference, source, unit="cm"))
+        for key, (value, (low, high)) in published().items():
+            codes = (value, f"{SOURCE}; over codes {low} ... {high}") if self.comparable else (None, "")
+            lines.append(row(f"{LARGEST[key]}, {name}", q[key], *codes, unit="cm"))
         still: dict[str, Any] = {"reference": 0.0, "source": "incompressible", "relative": False}
         cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
         return [

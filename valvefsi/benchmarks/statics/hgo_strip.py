@@ -91,11 +91,7 @@ class Flat(Static):
     title = "HGO strip pulled along two axes"
     parameters = PARAMETERS
     cells = ("tetrahedron", "hexahedron")
-    units = {
-        "stretch_1": ("-", "stretch 1"),
-        "stretch_2": ("-", "stretch 2"),
-        "thickness_mm": ("mm", "thickness"),
-    }
+    units = {f"stretch_{k}": ("-", f"stretch {k}") for k in (1, 2)} | {"thickness_mm": ("mm", "thickness")}
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
         n, values = 2 * mesh.elements, self.values
@@ -135,10 +131,7 @@ class Ring(Static):
         radii = (self.values["inner"], self.values["outer"])
         body = thick_cylinder(comm, radii=radii, elements=mesh.elements, cell=mesh.cell)
         body = body.with_fibres(fibre=fibres.circumferential(body, degree=2))
-        fixed = [
-            statics.Fixed(on=("x_axis",), components=("y",)),
-            statics.Fixed(on=("y_axis",), components=("x",)),
-        ]
+        fixed = [statics.Fixed(on=(f"{a}_axis",), components=(b,)) for a, b in ("xy", "yx")]
         material = material_of(self.values)
         load = Pressure(on=("inner",), value=self.values["pressure"])
         options = statics.SolverOptions(quadrature_degree=6)

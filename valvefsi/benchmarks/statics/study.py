@@ -224,10 +224,8 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
     def draw(self, records: Sequence[Record], reference: References, out: Path) -> None:
         for cell, finest in _finest(records).items():
             if finest.get("_body") is not None:
-                caption, name = (
-                    f"{cell}, {finest['unknowns']:,} unknowns",
-                    cell.replace(",", "").replace(" ", "_"),
-                )
+                caption = f"{cell}, {finest['unknowns']:,} unknowns"
+                name = cell.replace(",", "").replace(" ", "_")
                 deformed(out / f"deformed_{name}.png", finest["_body"], title=self.title, caption=caption)
                 write_body(out / f"solid_{name}.vtu", finest["_body"])
         if self.refine:

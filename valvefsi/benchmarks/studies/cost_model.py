@@ -130,7 +130,7 @@ def _messages(block: tuple[int, int, int], ranks: tuple[int, int], solves: int) 
             face = math.prod(m + 2 * GHOSTS for a, m in enumerate(block) if a != axis)
             layers = (
                 3 * 1 + 2 * 1 + 3 * GHOSTS
-            )  # u* and then both pressures one deep, the velocity as deep as it goes
+            )  # u*, both pressures one deep, the velocity as deep as it goes
             messages += 2 * 3 + 2 * solves * (p - 1)
             sent += 8.0 * (2 * layers * face + 2 * solves * cells * (p - 1) / p)
     return messages, sent

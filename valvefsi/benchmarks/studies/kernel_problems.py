@@ -124,15 +124,12 @@ class QuickBlock(compression.BlockSeries):
     def settings(self, numerics: Numerics) -> Values:
         values = self.values
         steps = round(values["t_end"] * numerics.grid / (values["dt_per_h"] * BOX))
+        every = {"history_every": max(1, steps // 300), "checkpoint_every": 0, "frames": 0}
         more = {"time.dt": values["t_end"] / steps, "fluid.viscous": "implicit"}
-        more |= {
-            "output.history_every": max(1, steps // 300),
-            "output.checkpoint_every": 0,
-            "output.frames": 0,
-        }
+        more |= {f"output.{key}": number for key, number in every.items()}
         if numerics.coupling != "nodal":
-            more["solid.block.coupling"] = "elemental"
-            more["solid.block.mass"] = "lumped" if numerics.coupling == "lumped" else "consistent"
+            mass = "lumped" if numerics.coupling == "lumped" else "consistent"
+            more |= {"solid.block.coupling": "elemental", "solid.block.mass": mass}
         return values | more
 
     def quantities(self, history: History) -> dict[str, float]:

@@ -24,6 +24,7 @@ from valvefsi.benchmarks.options import Values, defaults, option, quantities
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import in_turns, pace
 from valvefsi.benchmarks.studies import case_speed, cost_model, elastic_speed
+from valvefsi.benchmarks.studies.against import Against
 from valvefsi.bodies.body import Entry
 from valvefsi.errors import CaseError
 from valvefsi.fluid.advection import SCHEMES
@@ -67,6 +68,10 @@ class Speed(Benchmark[int, Yardsticks]):
         "", "A case instead of grids: its step by parts; --set is of the case.", metavar="CASE.toml"
     )
     state: str = option("", "With --case: begin from the newest checkpoint of this run.", metavar="FOLDER")
+    against: str = option(
+        "", "Another commit: its step and this one's in turns, in processes of their own.", metavar="REV"
+    )
+    turns: int = option(6, "With --against: processes of each of both.", least=2)
 
     def check(self, values: Values) -> None:
         if self.model and self.dim == 2:
@@ -78,11 +83,28 @@ class Speed(Benchmark[int, Yardsticks]):
         return defaults(self.parameters) if self.case else super().read()
 
     def execute(self, session: Session) -> Result:
+        if self.against:
+            return self.written(self._compared(session), session)
         if not self.case:
             return super().execute(session)
         folder = Path(self.state) if self.state else None
         report = case_speed.report(Path(self.case), self.overrides, folder, self.steps, session.comm)
         return self.written(report, session)
+
+    def _compared(self, session: Session) -> Report:
+        """Time the step of another commit and of this one in turns."""
+        if session.comm.size > 1:
+            raise CaseError(
+                "the processes are of one rank: leave mpirun", key="--against", value=self.against
+            )
+        shared = ["--steps", str(self.steps), *(word for text in self.overrides for word in ("--set", text))]
+        subjects = {f"{n}^{self.dim} cells": ["--sizes", str(n), "--dim", str(self.dim)] for n in self.sizes}
+        if self.case:
+            state = ["--state", str(Path(self.state).resolve())] if self.state else []
+            subjects = {Path(self.case).name: ["--case", str(Path(self.case).resolve()), *state]}
+        commits = Against(rev=self.against, turns=self.turns)
+        whole = {name: [*words, *shared] for name, words in subjects.items()}
+        return commits.compare(whole, session.announce)
 
     @property
     def solves(self) -> int:
