@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,9 @@ from scipy.linalg import expm, get_lapack_funcs
 
 from valvefsi.circulation.sampling import Sampling, Steps
 from valvefsi.types import Array
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 STEP = 1e-30
 """Complex step of derivatives; small enough that nothing of second order is left."""
@@ -274,7 +277,9 @@ def reduce(
     return LinearSystem(A=rate * A_, B=rate * B_, C=C_, D=D_, states=states, inputs=inputs, output=output)
 
 
-def check_values(owner: object, positive: tuple[str, ...], not_negative: tuple[str, ...] = ()) -> None:
+def check_values(
+    owner: DataclassInstance, positive: tuple[str, ...], not_negative: tuple[str, ...] = ()
+) -> None:
     """Refuse parameters of a circuit that mean nothing.
 
     Raises:

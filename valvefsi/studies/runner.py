@@ -40,6 +40,7 @@ from valvefsi.studies.members import (
     standing,
     write_record,
 )
+from valvefsi.types import Scalar
 
 PROGRAM = (sys.executable, "-m", "valvefsi")
 POLL = 0.2
@@ -135,7 +136,7 @@ class _Task:
         done = code == 0 and (self.folder / SUMMARY).is_file()
         state: Literal["done", "failed"] = "done" if done else "failed"
         message, wall = "" if done else _last_words(code, self.folder / LOG), time.monotonic() - self.started
-        how = {"message": message, "wall_s": wall}
+        how: dict[str, Scalar] = {"message": message, "wall_s": wall}
         said = "stopped" if stopping and not done else state
         write_record(self.folder, self.member, inputs_of(self.case), state=said, **how)
         if stopping and not done:
