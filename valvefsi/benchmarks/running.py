@@ -89,9 +89,9 @@ def fixed_steps(
         initial: State at t = 0; the fluid at rest by default.
         output: What else is written, see `Output`; by default a checkpoint every ten minutes.
     """
-    kept = {"history_every": max(1, steps // rows), "checkpoint_wall_s": 600.0} | output
+    settings = {"history_every": max(1, steps // rows), "checkpoint_wall_s": 600.0} | output
     schedule = Schedule(dt=dt, t_end=steps * dt, cfl_max=cfl_max)
-    return Simulation(model, schedule, Output(directory=folder, **kept), initial)
+    return Simulation(model, schedule, Output(directory=folder, **settings), initial)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,10 +150,10 @@ def completed(simulation: Simulation, job: Job) -> History:
     Raises:
         StabilityError: It broke down.
     """
-    done = attempt(simulation, job)
-    if done.failed is not None:
-        raise StabilityError(done.failed)
-    return done.history
+    end = attempt(simulation, job)
+    if end.failed is not None:
+        raise StabilityError(end.failed)
+    return end.history
 
 
 def _clear(folder: Path) -> None:
@@ -272,7 +272,7 @@ class Sights:
     """Steps at or after which the flow is kept for a picture, and what was kept."""
 
     due: list[int]
-    kept: list[Snapshot] = field(default_factory=list)
+    snapshots: list[Snapshot] = field(default_factory=list)
 
     def take(self, state: State, grid: MacGrid, look: Callable[[], tuple[Array, list[Array]]]) -> None:
         """Keep a field in this rank's cells and outlines, ``look()``, where a picture is due (collective)."""
@@ -280,4 +280,4 @@ class Sights:
             self.due = [later for later in self.due if later > state.step]
             own, outlines = look()
             whole, edges = plane_of(grid, own)
-            self.kept.append(Snapshot(state.t, edges, whole, outlines))
+            self.snapshots.append(Snapshot(state.t, edges, whole, outlines))

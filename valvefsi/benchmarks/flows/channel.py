@@ -61,11 +61,11 @@ class Channel(Benchmark[int, None]):
     def report(self, records: Sequence[Record], reference: None) -> Report:
         errors = {kind: [record["errors"][kind] for record in records] for kind in KINDS}
         table = []
-        for kind, kept in errors.items():
+        for kind, each in errors.items():
             name = f"{kind}, {{}} across: largest error / largest speed"
-            table += [row(name.format(r["cells"]), e) for r, e in zip(records, kept, strict=True)]
+            table += [row(name.format(r["cells"]), e) for r, e in zip(records, each, strict=True)]
             table += order_row(
-                f"{kind}: observed order", kept, exact=0.0, expected=2.0, source="order of the scheme"
+                f"{kind}: observed order", each, exact=0.0, expected=2.0, source="order of the scheme"
             )
         return Report(
             parameters=self.values | {"cells": self.runs()},

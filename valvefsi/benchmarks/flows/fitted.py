@@ -184,7 +184,7 @@ class FittedFlow:
         return dict(zip(self.nodes, forces, strict=True))
 
     def destroy(self) -> None:
-        """Give PETSc's objects back, which nothing else does on several ranks (collective)."""
+        """Free PETSc's objects, which nothing else does on several ranks (collective)."""
         factorised, _ = self.solver.getOperators()
         vectors = (self.values, self.lifted, self.old, self.x, self.residual, self.right)
         for thing in (self.solver, factorised, self.matrix, *vectors):

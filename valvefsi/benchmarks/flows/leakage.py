@@ -42,7 +42,7 @@ BELOW, ABOVE = 0.8, 0.8
 LATE = 0.25
 """Part of the run over which the leak is averaged."""
 KERNEL = "composite_bspline32"
-ASKED = 0.1
+TIGHT = 0.1
 """What a section that is called tight may leak at 100 mmHg and h = 1 mm [cm^3/s]."""
 
 
@@ -69,15 +69,15 @@ class Leakage(Single):
         t, flow = h["t_s"][1:], h["leak_ml_s"][1:]
         late = flow[-max(1, round(LATE * len(flow))) :]
         leak = abs(float(late.mean()))
-        asked: tuple[str | None, str] = (None, "")
+        target: tuple[str | None, str] = (None, "")
         if self.published("h", "pressure"):
-            asked = (f"below {ASKED}", "what is asked at 100 mmHg and h = 1 mm")
+            target = (f"below {TIGHT}", "what is asked at 100 mmHg and h = 1 mm")
         return Report(
             parameters=self.values,
             quantities={"leak_ml_s": leak},
             more={"size": {"cells": list(model.grid.cells), "points": model.bodies[0].num_points}},
             table=[
-                row("leak, mean of the last quarter", leak, *asked, unit="ml/s"),
+                row("leak, mean of the last quarter", leak, *target, unit="ml/s"),
                 row("swing about it", float(0.5 * np.ptp(late)), unit="ml/s"),
                 row("largest flow while the springs yield", float(np.abs(flow).max()), unit="ml/s"),
             ],
@@ -126,6 +126,6 @@ def build(parameters: Values, comm: MPI.Comm) -> fsi.Model:
     labels = patch_labels((tube, disk), h, reach)
     labels[len(tube.points) :] = SINGLE  # the plate stands for leaflets, which are held node by node
     tube = tube.moved(h * surface_offset(KERNEL, tube.normals, (0.0, 0.0, 1.0)))
-    held = springs(KERNEL, h, dt, hold)
-    rigid = PatchedSurface(joined(tube, disk), labels, Coupling(grid, KERNEL), name="section", **held)
+    spring = springs(KERNEL, h, dt, hold)
+    rigid = PatchedSurface(joined(tube, disk), labels, Coupling(grid, KERNEL), name="section", **spring)
     return fsi.Model(grid=grid, fluid=fluid, bodies=(rigid,))

@@ -168,8 +168,8 @@ def build(angle: int, h: float, values: Values, comm: MPI.Comm) -> tuple[fsi.Mod
         patch_labels([surface], h) if values["wall"] == "patches" else np.full(len(surface.points), SINGLE)
     )
     surface = surface.moved(h * surface_offset(kernel, surface.normals, tuple(axis.frame[0])))
-    held = springs(kernel, h, dt, values["hold"])
-    wall = PatchedSurface(surface, labels, Coupling(grid, kernel), name="tube", **held)
+    hold = springs(kernel, h, dt, values["hold"])
+    wall = PatchedSurface(surface, labels, Coupling(grid, kernel), name="tube", **hold)
     return fsi.Model(grid=grid, fluid=fluid, bodies=(wall,)), weights, dt
 
 

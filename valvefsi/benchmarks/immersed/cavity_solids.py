@@ -176,14 +176,14 @@ class SoftBody(Benchmark[int, None]):
 
     def _lines(self, r: Record) -> list[Row]:
         change, pairs = self.elsewhere("change"), self.elsewhere("pairs")
-        kept = "" if change is None else f"IBAMR 0.19: {change:.1e}; wanted <= {CHANGE_LIMIT:g}"
+        note = "" if change is None else f"IBAMR 0.19: {change:.1e}; wanted <= {CHANGE_LIMIT:g}"
         took = "" if pairs is None else f"IBAMR 0.19, one rank: {pairs:.0f}; wanted <= {PAIR_LIMIT:g}"
         parts = ", ".join(f"{k} {v:.1f}" for k, v in r["phases_pairs"].items())
         gap, end = r["largest_gap_per_h"], {key: column[-1] for key, column in r["history"].items()}
         leaks = f"above {LONGEST_GAP:g} fluid leaks" if gap > LONGEST_GAP else ""
         name = f"relative {self.measure} change, N = {r['cells']}, {r['nodes']} nodes, {r['steps']} steps"
         return [
-            row(name, r["volume_change"], 0.0, kept, relative=False),
+            row(name, r["volume_change"], 0.0, note, relative=False),
             row(f"  time of a step, {r['ranks']} rank(s)", r["pairs"], source=took, unit="pairs"),
             row("  step", 1e3 * r["step_s"], source=parts, unit="ms"),
             row("  largest distance of neighbouring points", gap, source=leaks, unit="h"),

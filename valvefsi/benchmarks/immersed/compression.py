@@ -83,17 +83,17 @@ class Compression(Single):
         return replace(self, replaces=True)
 
     @property
-    def chosen(self) -> dict[str, Any]:
+    def discretisation(self) -> dict[str, Any]:
         """Elements, cells, kernel and stabilisation of the block on one grid."""
-        held = "off" if self.nu_stab is None else self.nu_stab
+        nu = "off" if self.nu_stab is None else self.nu_stab
         size = {"elements": self.elements or 32, "grid": self.grid or 64}
-        return {**size, "kernel": self.kernel, "nu_stab": held}
+        return {**size, "kernel": self.kernel, "nu_stab": nu}
 
     @property
     def folder(self) -> str:
         if self.refine:
             return "compression-series"
-        return "compression-M{elements}-N{grid}-{kernel}-{nu_stab}".format(**self.chosen)
+        return "compression-M{elements}-N{grid}-{kernel}-{nu_stab}".format(**self.discretisation)
 
     def series(self) -> BlockSeries:
         """Return the series of grids.
@@ -125,7 +125,9 @@ class Compression(Single):
         values = read_quantities(PARAMETERS, [text for text, key in keys.items() if "." not in key])
         if "c1" in keys.values() and "damping" not in keys.values():
             values["damping"] = 0.05 * values["c1"]
-        return parse_case(_raw_case(self.chosen, values), [text for text, key in keys.items() if "." in key])
+        return parse_case(
+            _raw_case(self.discretisation, values), [text for text, key in keys.items() if "." in key]
+        )
 
     def plan(self, out: Path, comm: MPI.Comm) -> Result:
         """Return size, step limits and expected time of the run (collective)."""
@@ -146,7 +148,9 @@ class Compression(Single):
             exact = static_reference(simulation, case)
             outcome = simulation.run(resume=job.resume, progress=job.progress)
         lines = {KEY: ("statics", exact), "block_area_change_percent": ("incompressible", 0.0)}
-        title = "Compressed block, {elements} elements, {grid}$^2$ cells, {kernel}".format(**self.chosen)
+        title = "Compressed block, {elements} elements, {grid}$^2$ cells, {kernel}".format(
+            **self.discretisation
+        )
         simulation.pictures(outcome.state, title=title, references=lines)
         q = job.comm.bcast(_quantities(job.folder, case) if job.comm.rank == 0 else None)
         parameters, u_y = case_parameters(case), q[KEY]
@@ -160,7 +164,7 @@ class Compression(Single):
             row("largest J", q["J_max"], source="1 when incompressible"),
         ]
         return Report(
-            parameters=self.chosen | parameters,
+            parameters=self.discretisation | parameters,
             quantities=q,
             reference={KEY: exact},
             more={"relative_error": (u_y - exact) / abs(exact)},
@@ -232,8 +236,8 @@ class BlockSeries(GridStudy):
         )
 
 
-def _raw_case(chosen: Mapping[str, Any], v: Values) -> dict[str, Any]:
-    grid, elements = chosen["grid"], chosen["elements"]
+def _raw_case(size: Mapping[str, Any], v: Values) -> dict[str, Any]:
+    grid, elements = size["grid"], size["elements"]
     steps = round(v["t_end"] * grid / (v["dt_per_h"] * BOX)) if v["dt_per_h"] > 0 else 0
     tether = {"stiffness": v["tether_stiffness"], "damping": v["tether_damping"]}
     ramp = {"ramp": RAMP * v["t_end"], "ramp_shape": "smooth"}
@@ -241,9 +245,9 @@ def _raw_case(chosen: Mapping[str, Any], v: Values) -> dict[str, Any]:
     block = {
         "name": "block",
         "mesh": {"shape": "compressed_block", **mesh, "load_width": 10.0},
-        "kernel": chosen["kernel"],
+        "kernel": size["kernel"],
         "damping": v["damping"],
-        "nu_stab": chosen["nu_stab"],
+        "nu_stab": size["nu_stab"],
         "material": {"model": "neo_hookean", "c1": v["c1"]},
         "tether": [
             {"on": ["bottom"], "components": ["y"], **tether},

@@ -113,8 +113,8 @@ class Plate(Benchmark[Case, None]):
         return out / f"{run.kind}-{run.thickness:g}"
 
     def values_of(self, run: Case) -> Values:
-        chosen = (self.length, self.element, self.kernel, self.ratio, self.layers, self.angle)
-        return {**self.values, "chosen": repr(chosen)}
+        options = (self.length, self.element, self.kernel, self.ratio, self.layers, self.angle)
+        return {**self.values, "chosen": repr(options)}
 
     @property
     def discrete(self) -> Discrete:
@@ -148,8 +148,8 @@ class Plate(Benchmark[Case, None]):
         return replace(plate, mu=0.5 * v["rho"] * plate.potential_frequency() * layer**2)
 
     def one(self, run: Case, job: Job) -> Record:
-        found = (self._static if run.kind == "static" else self._wave)(run, job)
-        return {"kind": run.kind, "thickness": run.thickness, **found}
+        measure = (self._static if run.kind == "static" else self._wave)(run, job)
+        return {"kind": run.kind, "thickness": run.thickness, **measure}
 
     def _static(self, run: Case, job: Job) -> Record:
         """Return how far a plate yields, over what incompressible elements and its own say."""
@@ -188,15 +188,15 @@ class Plate(Benchmark[Case, None]):
         schedule = self._schedule(model, plate, 2.0 * math.pi / exact.imag)
         initial, follower = self._released(run, model, solid, schedule.dt)
         output = self._output(run, job, schedule, follower)
-        found = decay(completed(Simulation(model, schedule, output, initial), job), exact)
-        ratio = found.s.imag / exact.imag
+        fit = decay(completed(Simulation(model, schedule, output, initial), job), exact)
+        ratio = fit.s.imag / exact.imag
         record = {
             "frequency_ratio": ratio,
-            "damping": -found.s.real / found.s.imag,
+            "damping": -fit.s.real / fit.s.imag,
             "exact_damping": -exact.real / exact.imag,
             "potential_ratio": exact.imag / plate.potential_frequency(),
-            "rest": found.rest,
-            "misfit": found.misfit,
+            "rest": fit.rest,
+            "misfit": fit.misfit,
             "dragged": (plate.thickness + 2.0 / plate.wave_number) * (ratio**-2 - 1.0) / discrete.h,
             "steps": schedule.num_steps,
         }
@@ -213,8 +213,8 @@ class Plate(Benchmark[Case, None]):
         plate, where, h = self.theory(run), self.where(run), self.values["h"]
         k, X = plate.wave_number, solid.X - self.discrete.middle(where)
         shape = np.cos(k * X[:, 0])
-        moved = np.stack([k * np.sin(k * X[:, 0]) * X[:, 2], 0.0 * shape, shape], axis=1)
-        chi = solid.X + self.values["deflection"] * h * moved
+        bend = np.stack([k * np.sin(k * X[:, 0]) * X[:, 2], 0.0 * shape, shape], axis=1)
+        chi = solid.X + self.values["deflection"] * h * bend
         weights = solid.weights * shape
         weights /= solid.comm.allreduce(weights @ shape)
         state = replace(fsi.initial_state(model, dt), bodies=({"chi": chi},))
@@ -236,7 +236,7 @@ class Plate(Benchmark[Case, None]):
             provenance=self.values_of(run),
         )
 
-    def report(self, records: Sequence[Record], known: None) -> Report:
+    def report(self, records: Sequence[Record], reference: None) -> Report:
         options = ("length", "element", "kernel", "ratio", "layers", "angle")
         table = [line for record in records for line in _lines(record)]
         return Report(
@@ -251,7 +251,7 @@ class Plate(Benchmark[Case, None]):
             table=table,
         )
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
+    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
         title = f"Plate held across {self.length} spacings, and its waves"
         thin_plate(
             out / "plate.png",
@@ -263,8 +263,8 @@ class Plate(Benchmark[Case, None]):
 
 def _mean_where(solid: Structure, where: NDArray[np.bool_]) -> Array:
     """Return the weights of the mean over some nodes (collective)."""
-    chosen = solid.weights * where
-    return chosen / solid.comm.allreduce(chosen.sum())
+    part = solid.weights * where
+    return part / solid.comm.allreduce(part.sum())
 
 
 def _lines(r: Record) -> list[Row]:
@@ -276,9 +276,9 @@ def _lines(r: Record) -> list[Row]:
             row(f"deflection, thickness {t}", r["over_incompressible"], 1.0, "incompressible elements"),
             row("  over its own elements without a fluid", r["over_own"], 1.0, moving),
         ]
-    known = r.get("kernel_ratio")
-    source = f"exact wave; the kernel's theory: {known:.3f}" if known else "exact wave"
-    damping = f"; the kernel's theory: {r['kernel_damping']:.4f}" if known else ""
+    theory = r.get("kernel_ratio")
+    source = f"exact wave; the kernel's theory: {theory:.3f}" if theory else "exact wave"
+    damping = f"; the kernel's theory: {r['kernel_damping']:.4f}" if theory else ""
     return [
         row(f"frequency, thickness {t}", r["frequency_ratio"], 1.0, source),
         row("  the exact wave's frequency over potential theory's", r["potential_ratio"]),

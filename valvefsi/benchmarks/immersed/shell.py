@@ -173,7 +173,7 @@ class Shell(Benchmark[Series, None]):
 
     def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
         def panel(kind: str, key: str, label: str) -> Panel:
-            chosen = {n: runs for n, runs in _by_series(records).items() if n.startswith(kind)}
+            series = {n: runs for n, runs in _by_series(records).items() if n.startswith(kind)}
             lines = [
                 Line(
                     label=name.removeprefix(f"{kind}, "),
@@ -182,7 +182,7 @@ class Shell(Benchmark[Series, None]):
                     colour=k,
                     style=("o-", "s--", "^:")[k // 6 % 3],
                 )
-                for k, (name, runs) in enumerate(chosen.items())
+                for k, (name, runs) in enumerate(series.items())
             ]
             return Panel(lines=lines, xlabel="cells N", ylabel=f"{kind}: {label}", log="xy")
 

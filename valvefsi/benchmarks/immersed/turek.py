@@ -207,10 +207,10 @@ def watch(model: fsi.Model, sights: Sights) -> Columns:
 
     def values(state: fsi.State) -> tuple[float, float]:
         root = flag.X[:, 0] < CLAMP + 1e-6
-        moved = np.linalg.norm((state.bodies[0]["chi"] - flag.X)[root], axis=1).max(initial=0.0)
+        shift = np.linalg.norm((state.bodies[0]["chi"] - flag.X)[root], axis=1).max(initial=0.0)
         speed, _ = diagnostics.fastest_place(grid, state.u)
         sights.take(state, grid, lambda: look(state))
-        return grid.comm.allreduce(float(moved), op=MPI.MAX), speed
+        return grid.comm.allreduce(float(shift), op=MPI.MAX), speed
 
     return Columns(("clamp_cm", "speed_cm_per_s"), values)
 
@@ -280,10 +280,10 @@ class TurekFsi(Benchmark[int, None]):
 
     def one(self, run: int, job: Job) -> Record:
         simulation, sights = self.simulation(run, job.folder, job.comm)
-        done = attempt(simulation, job)
+        end = attempt(simulation, job)
         if job.comm.rank == 0:
-            self._pictures(run, job.folder, done.history, sights.kept)
-        model, h = simulation.model, done.history
+            self._pictures(run, job.folder, end.history, sights.snapshots)
+        model, h = simulation.model, end.history
         return {
             "cells": run,
             "grid": list(model.grid.cells[:2]),
@@ -292,7 +292,7 @@ class TurekFsi(Benchmark[int, None]):
             "points": model.bodies[1].num_points,
             "dt": simulation.schedule.dt,
             "steps": int(h["step"][-1]),
-            "failed": done.failed,
+            "failed": end.failed,
             "quantities": {k: dict(zip(PARTS, q, strict=True)) for k, q in numbers(h).items()},
             "clamp_mm": 10.0 * float(h["clamp_cm"].max()),
             "J_off": off_one(h, "flag"),
@@ -309,9 +309,9 @@ class TurekFsi(Benchmark[int, None]):
             vorticity(folder / "vorticity.png", [vars(s) for s in snapshots], body, scale=scale, title=name)
 
     def report(self, records: Sequence[Record], reference: None) -> Report:
-        chosen = {"case": self.case, "t_end": self.t_end, "kernel": self.kernel}
+        options = {"case": self.case, "t_end": self.t_end, "kernel": self.kernel}
         return Report(
-            parameters=self.values | chosen,
+            parameters=self.values | options,
             quantities={r["cells"]: r["quantities"] for r in records},
             reference=published(self.case) | {"source": SOURCE},
             more={"runs": [public(r) for r in records]},

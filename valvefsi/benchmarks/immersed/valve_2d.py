@@ -255,10 +255,10 @@ class Valve2D(Benchmark[int, None]):
     def one(self, run: int, job: Job) -> Record:
         begin, built = time.perf_counter(), build(run, self.kernel, self.values, job.comm)
         simulation, watch = self.simulation(built, job)
-        done = attempt(simulation, job)
-        grid, steps = built.model.grid, int(done.history["step"][-1])
+        end = attempt(simulation, job)
+        grid, steps = built.model.grid, int(end.history["step"][-1])
         if job.comm.rank == 0:
-            self._pictures(run, job.folder, done.history, watch.sights.kept)
+            self._pictures(run, job.folder, end.history, watch.sights.snapshots)
         return {
             "cells": run,
             "grid": list(grid.cells[:2]),
@@ -267,9 +267,9 @@ class Valve2D(Benchmark[int, None]):
             "dt": built.dt,
             "limits": built.limits,
             "steps": steps,
-            "failed": done.failed,
-            "quantities": numbers(done.history),
-            "step_ms": 1e3 * (time.perf_counter() - begin) / max(1, done.steps),
+            "failed": end.failed,
+            "quantities": numbers(end.history),
+            "step_ms": 1e3 * (time.perf_counter() - begin) / max(1, end.steps),
         }
 
     def _pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[Snapshot]) -> None:
@@ -280,10 +280,10 @@ class Valve2D(Benchmark[int, None]):
             in_the_flow(folder / "flow.png", [vars(s) for s in snapshots], title=name)
 
     def report(self, records: Sequence[Record], reference: None) -> Report:
-        chosen = {"t_end": self.t_end, "kernel": self.kernel, "grids": self.runs()}
+        options = {"t_end": self.t_end, "kernel": self.kernel, "grids": self.runs()}
         codes = {key: {"value": value, "range": band} for key, (value, band) in published().items()}
         return Report(
-            parameters=self.values | chosen,
+            parameters=self.values | options,
             quantities={r["cells"]: r["quantities"] for r in records},
             reference=codes | {"source": SOURCE},
             more={"runs": [public(r) for r in records]},

@@ -97,19 +97,19 @@ class Flat(Static):
         n, values = 2 * mesh.elements, self.values
         body = box(comm, size=(1.0, 1.0, 0.1), elements=(n, n, 1), cell=mesh.cell)
         body = body.with_fibres(fibre=fibres.constant(body, (1.0, 0.0, 0.0)))
-        wanted = (values["stretch_1"], values["stretch_2"])
-        S = sheet_stress(values, wanted)
+        stretches = (values["stretch_1"], values["stretch_2"])
+        S = sheet_stress(values, stretches)
         loads = [
-            DeadLoad(on=("x_upper",), traction=(wanted[0] * S[0], 0.0, 0.0)),
-            DeadLoad(on=("y_upper",), traction=(0.0, wanted[1] * S[1], 0.0)),
+            DeadLoad(on=("x_upper",), traction=(stretches[0] * S[0], 0.0, 0.0)),
+            DeadLoad(on=("y_upper",), traction=(0.0, stretches[1] * S[1], 0.0)),
         ]
         fixed = [statics.Fixed(on=(f"{axis}_lower",), components=(axis,)) for axis in "xyz"]
         material = material_of(values)
         solution = statics.solve(body, material, fixed=fixed, loads=loads)
         u = solution.displacement_at((1.0, 1.0, 0.1))
         sizes = (1 + float(u[0]), 1 + float(u[1]), 1 + 10 * float(u[2]))
-        named = dict(zip(self.units, sizes, strict=True))
-        return answer_of(solution, material, named, fibres=body.fibres, fibre="fibre")
+        answer = dict(zip(self.units, sizes, strict=True))
+        return answer_of(solution, material, answer, fibres=body.fibres, fibre="fibre")
 
     def compared_with(self) -> References:
         one, two = self.values["stretch_1"], self.values["stretch_2"]

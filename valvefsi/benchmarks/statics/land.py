@@ -95,8 +95,8 @@ class Inflation(Static):
         options = statics.SolverOptions(first_increment=0.05)
         solution = statics.solve(body, material, fixed=[base], loads=[load], options=options)
         apex = np.array([(0.0, 0.0, -LONG[0]), (0.0, 0.0, -LONG[1])])
-        moved = zip(apex, solution.displacement_at(apex), strict=True)
-        heights = dict(zip(APEX, (10 * (point[2] + float(u[2])) for point, u in moved), strict=True))
+        places = zip(apex, solution.displacement_at(apex), strict=True)
+        heights = dict(zip(APEX, (10 * (point[2] + float(u[2])) for point, u in places), strict=True))
         return answer_of(solution, material, heights, fibres=body.fibres, fibre="fibre")
 
 
@@ -122,7 +122,7 @@ class Land(StaticParts):
     cell: str = option("hexahedron", "Kind of cell: tetrahedron, hexahedron, simplex or both.")
     problem: Sequence[int] = option((1, 2, 3), "1, 2 or 3; repeatable; all by default.", choices=(1, 2, 3))
 
-    def chosen(self) -> dict[str, type[Static]]:
+    def selection(self) -> dict[str, type[Static]]:
         return {PROBLEMS[number].name: PROBLEMS[number] for number in self.problem}
 
     def title(self, part: str) -> str:

@@ -212,9 +212,9 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
         series, quantities = self.series(records, reference), defaultdict[str, dict[str, float | None]](dict)
         for one in series:
             quantities[one.cell] |= one.numbers()
-        chosen = {"cell": self.cell, "elements": self.elements or self.coarsest, "refine": self.refine}
+        options = {"cell": self.cell, "elements": self.elements or self.coarsest, "refine": self.refine}
         return Report(
-            parameters=chosen | {"iterative": self.iterative} | self.values,
+            parameters=options | {"iterative": self.iterative} | self.values,
             quantities=quantities,
             reference={name: [vars(r) for r in refs] for name, refs in reference.items()},
             more={"levels": [public(record) for record in records]},
@@ -261,7 +261,7 @@ class StaticParts(MeshOptions, Joined):
                 elements=self.elements,
                 overrides=self.overrides,
             )
-            for name, kind in self.chosen().items()
+            for name, kind in self.selection().items()
         }
 
     def parameters_of(self, results: Mapping[str, Result]) -> dict[str, Any]:
@@ -270,7 +270,7 @@ class StaticParts(MeshOptions, Joined):
         *_, last = results.values()
         return dict(last["parameters"]) | {"cell": self.cell}
 
-    def chosen(self) -> Mapping[str, type[Static]]:
+    def selection(self) -> Mapping[str, type[Static]]:
         """Return the kinds of benchmark that are run."""
         return self.parts
 

@@ -66,16 +66,16 @@ def closed_form(shape: str, values: Values) -> tuple[float, float]:
         CaseError: The pressure is above what the shell can bear.
     """
     A, B = values["inner"], values["outer"]
-    wanted = values["pressure"] / values["c1"]
+    target = values["pressure"] / values["c1"]
     pressure: Callable[[float], float] = partial(
         cylinder_pressure if shape == "cylinder" else sphere_pressure, A=A, B=B
     )
     top = minimize_scalar(lambda g: -pressure(g), bounds=(0.0, 20.0 * A), method="bounded").x
-    if pressure(top) <= wanted:
+    if pressure(top) <= target:
         limit = f"{pressure(top) * values['c1']:.4g} dyn/cm^2"
-        message = f"the {shape} gives way below this pressure, at {limit}"
+        message = f"the {shape} collapses below this pressure, at {limit}"
         raise CaseError(message, file="--set", key="pressure", value=values["pressure"])
-    growth = brentq(lambda g: pressure(g) - wanted, 0.0, top, xtol=1e-15)
+    growth = brentq(lambda g: pressure(g) - target, 0.0, top, xtol=1e-15)
     n = DIM[shape]
     return growth, (B**n + (A + growth) ** n - A**n) ** (1 / n) - B
 

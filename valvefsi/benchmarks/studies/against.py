@@ -102,15 +102,15 @@ class Against:
         with tempfile.TemporaryDirectory(prefix="valvefsi-speed-") as out:
             command = [sys.executable, "-m", "valvefsi", "bench", "speed", *words, "--out", out]
             around = without_launcher() | {"PYTHONPATH": str(tree), "NO_COLOR": "1"}
-            done = subprocess.run(command, cwd=tree, env=around, stdin=subprocess.DEVNULL, **_CAUGHT)
+            end = subprocess.run(command, cwd=tree, env=around, stdin=subprocess.DEVNULL, **_CAUGHT)
             try:
                 result = json.loads((Path(out) / "result.json").read_text(encoding="utf-8"))
                 return float((result["case"] if "case" in result else result["grids"][0])["step_ms"])
             except (OSError, ValueError, LookupError):
-                reason = _last_words(f"{done.stdout}\n{done.stderr}")
+                reason = _last_words(f"{end.stdout}\n{end.stderr}")
         if tree == self.root:
             raise CaseError(f"the steps of this commit fail: {reason}", key=FLAG, value=self.rev)
-        old = "No module named" in reason or (done.returncode == USAGE and not reason.startswith("error:"))
+        old = "No module named" in reason or (end.returncode == USAGE and not reason.startswith("error:"))
         what = "the commit is too old to time these steps" if old else "the steps of that commit fail"
         raise CaseError(f"{what}: {reason}", key=FLAG, value=self.rev)
 
@@ -128,10 +128,10 @@ class Against:
     def _git(self, *words: str) -> str | None:
         """Return what git prints, None where it fails."""
         try:
-            done = subprocess.run(["git", "-C", str(self.root), *words], **_CAUGHT)
+            end = subprocess.run(["git", "-C", str(self.root), *words], **_CAUGHT)
         except FileNotFoundError:
             raise CaseError("git is not installed", key=FLAG, value=self.rev) from None
-        return str(done.stdout).strip() if done.returncode == 0 else None
+        return str(end.stdout).strip() if end.returncode == 0 else None
 
     def _lines(self, name: str, number: Mapping[str, Any]) -> list[Row]:
         low, high = number["ratio_range"]

@@ -1,8 +1,8 @@
 """Cost of a fluid step on many cores: counts of work and messages times constants measured on this machine.
 
 Only the busiest rank is counted: n0 n1 N cells of a cube of N cells along each axis on p0 p1 ranks, ghosts computed
-along with them where a kernel does so. The constants are times of one core per entry (advection, everything that
-streams) and per cell and level (transforms with elimination); no core waits for another but in messages, which cost
+along with them where a kernel does so. The constants are times of one core per entry (advection, all other passes over
+memory) and per cell and level (transforms with elimination); no core waits for another but in messages, which cost
 latency + bytes / bandwidth each, one after the other.
 
 Flops and bytes are those that the formulas need, each array read once per kernel; they say what to expect of the
@@ -41,7 +41,7 @@ class Machine:
 
     Attributes:
         advection: Per entry [s].
-        streams: All that streams, per entry [s].
+        streams: All other passes over memory, per entry [s].
         transforms: Those of a solve, per cell and log2 N [s].
         packing: Copies of a transpose between ranks, per cell [s].
     """

@@ -15,7 +15,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
-from valvefsi.benchmarks.immersed.study import COUPLINGS, HELD, Numerics
+from valvefsi.benchmarks.immersed.study import COUPLINGS, STATES, Numerics
 from valvefsi.benchmarks.options import Values, option, read_parameters
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.studies.kernel_problems import PROBLEMS, StudyProblem, run_halving
@@ -96,12 +96,12 @@ def rules(
     names = dict.fromkeys((line["kernel"], line["coupling"]) for line in lines)
     kinds = sorted({line["stabilised"] for line in lines if line["problem"] not in free}, reverse=True)
 
-    def meant(line: Record, kernel: str, coupling: str, kind: bool) -> bool:
+    def matches(line: Record, kernel: str, coupling: str, kind: bool) -> bool:
         same = (line["kernel"], line["coupling"]) == (kernel, coupling)
         return same and (line["stabilised"] == kind or line["problem"] in free)
 
     table = [
-        _rule(kernel, coupling, kind, [r for r in lines if meant(r, kernel, coupling, kind)], best, factor)
+        _rule(kernel, coupling, kind, [r for r in lines if matches(r, kernel, coupling, kind)], best, factor)
         for kernel, coupling in names
         for kind in kinds or [False]
     ]
@@ -186,7 +186,7 @@ class Kernels(Benchmark[One, dict[str, float]]):
     couplings: tuple[str, ...] = option(
         ("nodal", "elemental"), "nodal, elemental, lumped.", metavar="C,C", choices=COUPLINGS
     )
-    stabilised: str = option("both", "on, off or both.", choices=tuple(HELD))
+    stabilised: str = option("both", "on, off or both.", choices=tuple(STATES))
     nu_stab: float = option(0.4, "Numerical Poisson ratio of stabilised runs.", between=(-1.0, 0.5))
     grids: Mapping[str, int] | None = option(
         None, "Cells along the box of a problem. Repeatable.", flag="--grid", metavar="PROBLEM=N"
@@ -214,7 +214,7 @@ class Kernels(Benchmark[One, dict[str, float]]):
 
     def kinds(self, problem: StudyProblem) -> tuple[bool, ...]:
         """Return whether a problem is run stabilised and not."""
-        return HELD[self.stabilised] if problem.stabilised else (False,)
+        return STATES[self.stabilised] if problem.stabilised else (False,)
 
     def runs(self) -> list[One]:
         return [
@@ -256,12 +256,12 @@ class Kernels(Benchmark[One, dict[str, float]]):
         return {"problem": run.problem, **record}
 
     def report(self, records: Sequence[Record], reference: dict[str, float]) -> Report:
-        lines, chosen = self.lines(records, reference), [PROBLEMS[name] for name in self.problems]
-        floors = {problem.name: problem.floor for problem in chosen}
-        free = [problem.name for problem in chosen if not problem.stabilised]
+        lines, problems = self.lines(records, reference), [PROBLEMS[name] for name in self.problems]
+        floors = {problem.name: problem.floor for problem in problems}
+        free = [problem.name for problem in problems if not problem.stabilised]
         table = rules(lines, floors=floors, factor=self.factor, free=free)
         numbers = {"nu_stab": self.nu_stab, "factor": self.factor, "ratios": list(self.ratios)}
-        limits = {p.name: {"leak_percent": p.leak, "floor_percent": p.floor} for p in chosen}
+        limits = {p.name: {"leak_percent": p.leak, "floor_percent": p.floor} for p in problems}
         return Report(
             parameters=self.values | numbers,
             reference=reference,

@@ -77,7 +77,7 @@ class Speed(Benchmark[int, Yardsticks]):
         if self.model and self.dim == 2:
             raise CaseError("the cost model is of three dimensions", key="--model", value="--dim 2")
         if self.state and not self.case:
-            raise CaseError("a state is that of a case; give --case", key="--state", value=self.state)
+            raise CaseError("a state is that of a case; use --case", key="--state", value=self.state)
 
     def read(self) -> Values:
         return defaults(self.parameters) if self.case else super().read()
@@ -229,12 +229,12 @@ def _traffic(n: int, dim: int, step: float, parameters: Values, comm: MPI.Comm) 
     if dim == 2:
         return {}
     count = cost_model.work(n, comm.size, solves=solves_of(parameters), advection=parameters["advection"])
-    moved, triad = count.bytes, cost_model.triad_bandwidth(comm)
+    volume, triad = count.bytes, cost_model.triad_bandwidth(comm)
     return {
-        "bytes_per_step": moved,
-        "gigabytes_per_s": 1e-9 * moved / step,
+        "bytes_per_step": volume,
+        "gigabytes_per_s": 1e-9 * volume / step,
         "triad_gigabytes_per_s": 1e-9 * triad,
-        "part_of_triad": moved / step / triad,
+        "part_of_triad": volume / step / triad,
     }
 
 
