@@ -13,9 +13,9 @@ which has settled to 1 % after some R^2 / (5.78 nu) times five. The points lie o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -133,19 +133,12 @@ class DrivenFluid(ExplicitViscosity):
     drive: Faces = ()
 
     def step(
-        self,
-        u: Faces,
-        p: Array,
-        advection: tuple[Faces, Faces, float],
-        f: Faces,
-        t: float,
-        dt: float,
-        pressures: Mapping[str, float] | None = None,
+        self, u: Faces, p: Array, advection: Any, f: Faces, *rest: Any, **more: Any
     ) -> tuple[Faces, Array]:
         """Advance by one step, see `NavierStokes.step`."""
         for force, constant in zip(f, self.drive, strict=True):
             force += constant
-        return super().step(u, p, advection, f, t, dt, pressures)
+        return super().step(u, p, advection, f, *rest, **more)
 
 
 def build(angle: int, h: float, values: Values, comm: MPI.Comm) -> tuple[fsi.Model, Faces, float]:
