@@ -10,6 +10,8 @@ import re
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from mpi4py import MPI
 
 
@@ -28,7 +30,7 @@ class CaseError(ValvefsiError, ValueError):
     """
 
     def __init__(
-        self, message: str, *, file: object = None, key: str | None = None, value: object = None
+        self, message: str, *, file: Path | str | None = None, key: str | None = None, value: object = None
     ) -> None:
         self.file, self.key, self.value, self.reason = file, key, value, message
         place = "" if key is None else (key if value is None else f"{key} = {_short(value)}")

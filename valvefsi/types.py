@@ -43,6 +43,12 @@ Table = dict[str, Array]
 Waveform = Callable[[float], float]
 """A quantity as a function of time [s]."""
 
+Scalar = str | bool | int | float | None
+"""A single value of a result, or the cell of a table."""
+
+Unchecked = object
+"""What a file or a user gives, before it is read: anything."""
+
 Progress = Callable[[int, float, float, dict[str, float]], None]
 """Called after a step with its number, the time, the end [s], and the newest row of the history."""
 

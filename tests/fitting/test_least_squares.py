@@ -135,11 +135,11 @@ def test_a_parameter_at_its_bound_is_put_on_it_and_said_to_be_there():
 
 
 def test_a_held_parameter_keeps_its_value_and_the_others_are_fitted():
-    problem = decay(noise=0.01).held("rate", 3.0)
+    problem = decay(noise=0.01).with_constant("rate", 3.0)
     found = fit(problem, starts=2)
     assert found.named["rate"] == 3.0
     assert [p.name for p in problem.free_parameters] == ["size"]
-    everything = problem.held("size", 5.0)
+    everything = problem.with_constant("size", 5.0)
     assert fit(everything).cost == pytest.approx(float(np.sum(everything.residual(np.empty(0)) ** 2) / 2))
 
 

@@ -121,7 +121,7 @@ def test_profile_intervals_cover_the_truth_where_parameters_trade():
         found = fit(problem, starts=2, first=truth)
         freedom = len(curve) - len(values)
         threshold = found.cost * (1 + stats.f.ppf(0.95, 1, freedom) / freedom)
-        held = [fit(problem.held(name, v), starts=1, first=truth).cost for name, v in truth.items()]
+        held = [fit(problem.with_constant(name, v), starts=1, first=truth).cost for name, v in truth.items()]
         hits.append([cost <= threshold for cost in held])
     print(np.mean(hits, axis=0))
     assert 0.90 <= np.mean(hits) <= 1.0

@@ -129,7 +129,7 @@ class Command(ABC):
         progress: Announce | None = None,
         resume: bool = False,
     ) -> Result:
-        """Run everything and write it down.
+        """Run everything and write it down (collective).
 
         Args:
             out: Folder of the results.
@@ -142,9 +142,6 @@ class Command(ABC):
 
         Raises:
             CaseError: Something cannot be used.
-
-        Note:
-            Collective.
         """
         keep_freed_memory()
         return self.execute(Session(out=Path(out), comm=comm, announce=progress, resume=resume))
@@ -261,10 +258,12 @@ class Benchmark(Command, Generic[R, K]):
 
     def _record(self, run: R, job: Job) -> Record:
         """Return the record of a run, that of its folder where it is kept (collective)."""
-        asked = {"benchmark": self.name, "run": _plain_run(run), "values": self.values_of(run)}
-        kept = job.comm.bcast(_kept(job.folder, asked) if self.keeps and job.comm.rank == 0 else None)
-        if kept is not None:
-            return dict(kept)
+        question = {"benchmark": self.name, "run": _plain_run(run), "values": self.values_of(run)}
+        entry = job.comm.bcast(
+            _record_of(job.folder, question) if self.keeps and job.comm.rank == 0 else None
+        )
+        if entry is not None:
+            return dict(entry)
         begin = time.perf_counter()
         record = self.one(run, job)
         record["wall_s"] = job.comm.allreduce(time.perf_counter() - begin, op=MPI.MAX)
@@ -273,7 +272,7 @@ class Benchmark(Command, Generic[R, K]):
         gc.collect()  # frees communicators of this run's meshes, of which an MPI library has only some thousand
         if self.keeps and job.comm.rank == 0:
             job.folder.mkdir(parents=True, exist_ok=True)
-            text = json.dumps({"asked": asked, "record": public(record)}, default=plain)
+            text = json.dumps({"asked": question, "record": public(record)}, default=plain)
             write_text(job.folder / "run.json", text + "\n")
         return record
 
@@ -345,14 +344,14 @@ def _plain_run(run: Any) -> Any:
     return asdict(run) if is_dataclass(run) and not isinstance(run, type) else run
 
 
-def _kept(folder: Path, asked: Mapping[str, Any]) -> Record | None:
+def _record_of(folder: Path, question: Mapping[str, Any]) -> Record | None:
     """Return the record of a finished run of the same numbers."""
     try:
-        kept = json.loads((folder / "run.json").read_text())
+        entry = json.loads((folder / "run.json").read_text())
     except (OSError, ValueError):
         return None
-    same = isinstance(kept, dict) and kept.get("asked") == json.loads(json.dumps(asked, default=plain))
-    return dict(kept["record"]) if same else None
+    same = isinstance(entry, dict) and entry.get("asked") == json.loads(json.dumps(question, default=plain))
+    return dict(entry["record"]) if same else None
 
 
 @dataclass(frozen=True, kw_only=True)

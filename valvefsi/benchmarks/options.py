@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from valvefsi.case.overrides import nearest, split_override
@@ -56,9 +57,9 @@ def options_of(kind: type) -> dict[str, tuple[Field[Any], Option]]:
     return {item.name: (item, item.metadata["option"]) for item in fields(kind) if "option" in item.metadata}
 
 
-def flag_of(name: str, chosen: Option) -> str:
+def flag_of(name: str, about: Option) -> str:
     """Return the name of an option on the command line."""
-    return chosen.flag or "--" + name.replace("_", "-")
+    return about.flag or "--" + name.replace("_", "-")
 
 
 def check_options(holder: DataclassInstance) -> None:
@@ -67,21 +68,21 @@ def check_options(holder: DataclassInstance) -> None:
     Raises:
         CaseError: An option cannot be used.
     """
-    for name, (_, chosen) in options_of(type(holder)).items():
-        value, flag = getattr(holder, name), flag_of(name, chosen)
+    for name, (_, about) in options_of(type(holder)).items():
+        value, flag = getattr(holder, name), flag_of(name, about)
         many = list(value) if isinstance(value, list | tuple) else [value]
-        if chosen.choices is not None:
-            _check_words(many, [str(choice) for choice in chosen.choices], flag)
+        if about.choices is not None:
+            _check_words(many, [str(choice) for choice in about.choices], flag)
         for number in many:
             if isinstance(number, int | float) and not isinstance(number, bool):
-                _check_number(number, chosen, flag)
+                _check_number(number, about, flag)
 
 
-def _check_number(number: float, chosen: Option, flag: str) -> None:
-    low, high = chosen.least, chosen.most
-    if chosen.between is not None:
-        inside = chosen.between[0] < number < chosen.between[1]
-        ends = "above {:g} and below {:g}".format(*chosen.between)
+def _check_number(number: float, about: Option, flag: str) -> None:
+    low, high = about.least, about.most
+    if about.between is not None:
+        inside = about.between[0] < number < about.between[1]
+        ends = "above {:g} and below {:g}".format(*about.between)
     else:
         inside = (low is None or number >= low) and (high is None or number <= high)
         ends = f"of at least {low:g}" if high is None and low is not None else f"from {low} to {high}"
@@ -99,6 +100,13 @@ def _check_words(words: Sequence[str | int], choices: Sequence[str], flag: str) 
             raise CaseError(f"expected one of {', '.join(choices)}{near}", key=flag, value=word)
 
 
+def quantities(text: str, **more: tuple[float, str] | tuple[str, Sequence[str]]) -> Parameters:
+    """Return parameters from a text such as ``t_end = 2 s, nu = 1/3``, pure numbers without a unit; then ``more``."""
+    pairs = (part.split("=") for part in text.replace("\n", ",").split(",") if part.strip())
+    texts = {key.strip(): value.strip().partition(" ") for key, value in pairs}
+    return {key: (float(Fraction(number)), unit or "1") for key, (number, _, unit) in texts.items()} | more
+
+
 def defaults(parameters: Parameters) -> Values:
     """Return the values that nobody changed, numbers in CGS."""
     return {key: default for key, (default, _) in parameters.items()}
@@ -106,8 +114,8 @@ def defaults(parameters: Parameters) -> Values:
 
 def changed(parameters: Parameters, **values: float | str) -> Parameters:
     """Return parameters with other defaults."""
-    kept = {key: (values.get(key, default), kind) for key, (default, kind) in parameters.items()}
-    return kept  # type: ignore[return-value]
+    other = {key: (values.get(key, default), kind) for key, (default, kind) in parameters.items()}
+    return other  # type: ignore[return-value]
 
 
 def read_parameters(parameters: Parameters, overrides: Sequence[str]) -> Values:

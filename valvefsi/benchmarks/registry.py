@@ -43,7 +43,7 @@ Flows:
     cavity | flows.cavity:Cavity | Steady flow in a cavity with a sliding lid against a published table.
     cylinder | flows.cylinder:Cylinder | Drag, lift and shedding of a rigid cylinder at Re 100, held in the flow \
         on a graded grid.
-    cylinder-fitted | flows.cylinder_fitted:CylinderFitted | Flow past a cylinder at Re 100 on a mesh that fits \
+    cylinder-fitted | flows.cylinder:CylinderFitted | Flow past a cylinder at Re 100 on a mesh that fits \
         it, with finite elements: an independent answer.
     tube | flows.tube:Tube | Flow in a tube of held points at any angle to the grid, against the start-up series.
     leakage | flows.leakage:Leakage | Leakage test: what flows through the aortic test section, closed by a \
@@ -67,10 +67,10 @@ Immersed bodies:
     turek-fsi | immersed.turek:TurekFsi | A flag that swings behind a cylinder (Turek and Hron 2006): \
         displacement of its tip, drag and lift.
 Solids alone (statics):
-    statics-compression | statics.compression:StaticCompression | Benchmark E.1 as incompressible statics: u_y of \
+    statics-compression | statics.solids:StaticCompression | Benchmark E.1 as incompressible statics: u_y of \
         the top centre is -3.9212 cm.
-    statics-cook | statics.cook:StaticCook | Cook's membrane as incompressible statics, beside the published band.
-    statics-torsion | statics.torsion:StaticTorsion | Benchmark E.2 as incompressible statics: u_y of the top \
+    statics-cook | statics.solids:StaticCook | Cook's membrane as incompressible statics, beside the published band.
+    statics-torsion | statics.solids:StaticTorsion | Benchmark E.2 as incompressible statics: u_y of the top \
         centre at five angles up to 2.5 pi.
     thick-shells | statics.thick_shells:ThickShells | A thick cylinder and a thick sphere under inner pressure, \
         against their closed forms.

@@ -89,9 +89,9 @@ def fixed_steps(
         initial: State at t = 0; the fluid at rest by default.
         output: What else is written, see `Output`; by default a checkpoint every ten minutes.
     """
-    kept = {"history_every": max(1, steps // rows), "checkpoint_wall_s": 600.0} | output
+    settings = {"history_every": max(1, steps // rows), "checkpoint_wall_s": 600.0} | output
     schedule = Schedule(dt=dt, t_end=steps * dt, cfl_max=cfl_max)
-    return Simulation(model, schedule, Output(directory=folder, **kept), initial)
+    return Simulation(model, schedule, Output(directory=folder, **settings), initial)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +112,7 @@ class Attempt:
 
 
 def attempt(simulation: Simulation, job: Job, *, clear: bool = False) -> Attempt:
-    """Run a simulation; a run that breaks down keeps its record and says why.
+    """Run a simulation; a run that breaks down keeps its record and says why (collective).
 
     With ``job.resume`` it goes on from the newest checkpoint in the folder, if there is one.
 
@@ -123,9 +123,6 @@ def attempt(simulation: Simulation, job: Job, *, clear: bool = False) -> Attempt
 
     Raises:
         CaseError: The checkpoints belong to a run of other numbers, or one that is not finished would be lost.
-
-    Note:
-        Collective.
     """
     folder, output = job.folder, simulation.output
     meta = newest_meta(folder / "checkpoints", job.comm) if job.resume else None
@@ -148,18 +145,15 @@ def attempt(simulation: Simulation, job: Job, *, clear: bool = False) -> Attempt
 
 
 def completed(simulation: Simulation, job: Job) -> History:
-    """Run a simulation to its end and return its history.
+    """Run a simulation to its end and return its history (collective).
 
     Raises:
         StabilityError: It broke down.
-
-    Note:
-        Collective.
     """
-    done = attempt(simulation, job)
-    if done.failed is not None:
-        raise StabilityError(done.failed)
-    return done.history
+    end = attempt(simulation, job)
+    if end.failed is not None:
+        raise StabilityError(end.failed)
+    return end.history
 
 
 def _clear(folder: Path) -> None:
@@ -216,6 +210,33 @@ def time_of_pair(cells: Sequence[int]) -> float:
     return time.perf_counter() - started
 
 
+def in_turns(step: Callable[[], None], grid: MacGrid, steps: int) -> tuple[list[float], list[float]]:
+    """Return the times of steps, after two that are not timed, and of a pair of transforms after each [s] (collective).
+
+    They take turns, so that a load on the machine that comes and goes slows both.
+    """
+    times, pairs = [], []
+    for _ in range(steps + 2):
+        grid.comm.barrier()
+        started = time.perf_counter()
+        step()
+        grid.comm.barrier()
+        times.append(time.perf_counter() - started)
+        pairs.append(grid.comm.bcast(time_of_pair(grid.cells[: grid.dim]) if grid.comm.rank == 0 else None))
+    return times[2:], pairs[2:]
+
+
+def pace(times: Sequence[float], pairs: Sequence[float]) -> dict[str, Any]:
+    """Return medians and range of times of steps and pairs, as results hold them."""
+    step, pair = float(np.median(times)), float(np.median(pairs))
+    return {
+        "step_ms": 1e3 * step,
+        "step_ms_range": [1e3 * min(times), 1e3 * max(times)],
+        "dct_pair_ms": 1e3 * pair,
+        "pairs_per_step": step / pair,
+    }
+
+
 def outline_of(along: Array, across: Array, half: float, end: float) -> Indices:
     """Return numbers of the points on the outline of a strip: up one side, over its end, down the other, ``(m,)``.
 
@@ -251,7 +272,7 @@ class Sights:
     """Steps at or after which the flow is kept for a picture, and what was kept."""
 
     due: list[int]
-    kept: list[Snapshot] = field(default_factory=list)
+    snapshots: list[Snapshot] = field(default_factory=list)
 
     def take(self, state: State, grid: MacGrid, look: Callable[[], tuple[Array, list[Array]]]) -> None:
         """Keep a field in this rank's cells and outlines, ``look()``, where a picture is due (collective)."""
@@ -259,4 +280,4 @@ class Sights:
             self.due = [later for later in self.due if later > state.step]
             own, outlines = look()
             whole, edges = plane_of(grid, own)
-            self.kept.append(Snapshot(state.t, edges, whole, outlines))
+            self.snapshots.append(Snapshot(state.t, edges, whole, outlines))

@@ -9,6 +9,7 @@ from valvefsi.case.fluid_tables import Grid, Side, Sides
 from valvefsi.case.models import MOST_STEPS, SHAPES, Case, Solid
 from valvefsi.case.overrides import nearest
 from valvefsi.errors import CaseError
+from valvefsi.types import Unchecked
 
 REACH = {
     "piecewise_linear": 1.0,
@@ -254,7 +255,7 @@ def _check_tags(solid: Solid, key: str, tags: Collection[str]) -> None:
 
 
 def _check_place(
-    case: Case, solid: Solid, box: tuple[Sequence[float], Sequence[float]], key: str, value: object
+    case: Case, solid: Solid, box: tuple[Sequence[float], Sequence[float]], key: str, value: Unchecked
 ) -> None:
     """Keep a solid inside the box, and as far from open sides and from graded cells as the kernel reaches."""
     grid, reach = case.grid, REACH[solid.kernel] * case.grid.spacing

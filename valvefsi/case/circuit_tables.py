@@ -21,6 +21,7 @@ from valvefsi.circulation.linear import Circuit, CircuitState
 from valvefsi.circulation.pump import UpstreamBovine, UpstreamPorcine
 from valvefsi.circulation.windkessel import Downstream, FourElement, TwoElement
 from valvefsi.errors import CaseError
+from valvefsi.types import Unchecked
 
 Model = Literal["downstream", "two-element", "four-element", "upstream-porcine", "upstream-bovine"]
 KINDS: dict[str, type] = dict(
@@ -87,7 +88,7 @@ class CircuitTable(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _read(cls, data: object) -> object:
+    def _read(cls, data: Unchecked) -> Unchecked:
         if not isinstance(data, Mapping):
             return data
         kind = KINDS.get(data["model"]) if isinstance(data.get("model"), str) else None
@@ -224,14 +225,14 @@ def circuit_schemas() -> list[dict[str, object]]:
     return schemas
 
 
-def _quantity(name: str, value: object, key: str) -> float:
+def _quantity(name: str, value: Unchecked, key: str) -> float:
     try:
         return Quantity(UNITS[name[0]]).parse(value)
     except PydanticCustomError as error:
         raise problem(error.message(), key, value) from None
 
 
-def _start(given: object, states: tuple[str, ...]) -> dict[str, float]:
+def _start(given: Unchecked, states: tuple[str, ...]) -> dict[str, float]:
     """Return the initial states in CGS."""
     if not isinstance(given, Mapping):
         raise problem("expected a table of initial states", "start", given)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from valvefsi.errors import CaseError
+from valvefsi.types import Unchecked
 
 DEPTH = 8
 """Deepest chain of files that include one another."""
@@ -87,7 +88,7 @@ def _placed(raw: Any, folder: Path) -> Any:
     return inside
 
 
-def _path(name: object, file: Path | None, key: str) -> Path:
+def _path(name: Unchecked, file: Path | None, key: str) -> Path:
     if not isinstance(name, str):
         raise CaseError("expected the path of a TOML file", file=file, key=key, value=name)
     path = (file.parent if file else Path()) / name

@@ -10,6 +10,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from valvefsi.case.quantities import Angle, Length
 from valvefsi.case.table import Name, Table, problem
+from valvefsi.types import Unchecked
 
 
 class Material(Table):
@@ -27,7 +28,7 @@ class Material(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _read(cls, data: object) -> object:
+    def _read(cls, data: Unchecked) -> Unchecked:
         if not isinstance(data, Mapping) or not {"model", "preset"} & set(data):
             return data
         from valvefsi.case.materials import read_material

@@ -13,6 +13,7 @@ from pydantic_core import PydanticCustomError
 from valvefsi.case.overrides import nearest
 from valvefsi.case.quantities import Quantity
 from valvefsi.errors import CaseError
+from valvefsi.types import Unchecked
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -26,11 +27,11 @@ RELATIVE = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?) deg from circumferenti
 RESERVED = ("model", "preset")
 
 
-def _problem(message: str, key: str, value: object = None) -> PydanticCustomError:
+def _problem(message: str, key: str, value: Unchecked = None) -> PydanticCustomError:
     return PydanticCustomError("case", "{message}", {"message": message, "key": key, "value": value})
 
 
-def material_kind(model: object) -> type:
+def material_kind(model: Unchecked) -> type:
     """Return the class of a material: a name, or "FILE:CLASS" of one that was loaded.
 
     Raises:
@@ -54,7 +55,7 @@ def material_units(model: str) -> dict[str, str | None]:
     return {field.name: _unit(field) for field in fields(material_kind(model))}
 
 
-def parameter_unit(model: str, key: str, value: object) -> str | None:
+def parameter_unit(model: str, key: str, value: Unchecked) -> str | None:
     """Return the unit that a parameter is written with, "deg" for a direction that is an angle."""
     known = {field.name: field for field in fields(material_kind(model))}
     if key not in known:
@@ -146,7 +147,7 @@ def _read_fields(kind: type, data: Mapping[str, object], name: str, path: str) -
     return found
 
 
-def _read_value(field: Field[Any], value: object, name: str, path: str) -> object:
+def _read_value(field: Field[Any], value: Unchecked, name: str, path: str) -> object:
     """Return one parameter in CGS."""
     kind = field.metadata.get("kind", "number")
     if kind == "table":
@@ -161,7 +162,7 @@ def _read_value(field: Field[Any], value: object, name: str, path: str) -> objec
         raise _problem(error.message(), path, value) from None
 
 
-def _read_table(item: type, value: object, name: str, path: str) -> tuple[dict[str, object], ...]:
+def _read_table(item: type, value: Unchecked, name: str, path: str) -> tuple[dict[str, object], ...]:
     """Return a list of tables, each checked as the dataclass ``item``."""
     if not isinstance(value, list | tuple) or not all(isinstance(entry, Mapping) for entry in value):
         raise _problem("expected a list of tables", path, value)
@@ -177,7 +178,7 @@ def _read_table(item: type, value: object, name: str, path: str) -> tuple[dict[s
     return tuple(entries)
 
 
-def _read_direction(value: object, path: str) -> object:
+def _read_direction(value: Unchecked, path: str) -> object:
     """Return a direction: the name of a fibre field, an angle in degrees, or a vector."""
     from valvefsi.solid.materials.parameters import checked_direction
 

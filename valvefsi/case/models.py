@@ -26,6 +26,7 @@ from valvefsi.case.quantities import (
 )
 from valvefsi.case.table import Name, Table, problem
 from valvefsi.case.valve_tables import Housing, OwnLeaflets, ValveShape
+from valvefsi.types import Unchecked
 
 Axis = Literal["x", "y", "z"]
 Kernel = Literal[
@@ -175,7 +176,7 @@ class Tether(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _read(cls, data: object) -> object:
+    def _read(cls, data: Unchecked) -> Unchecked:
         if not isinstance(data, Mapping):
             return data
         read = dict(data)
@@ -215,7 +216,7 @@ class Probe(Table):
     at: tuple[Length, ...] = Field(description="Reference position; the nearest node is taken")
 
 
-def _off(value: object) -> object:
+def _off(value: Unchecked) -> Unchecked:
     """Read "off" as None."""
     if value is None or value == "off":
         return None

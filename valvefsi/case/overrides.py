@@ -8,12 +8,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from valvefsi.errors import CaseError
+from valvefsi.types import Unchecked
 
 ALTERNATIVES = {"time.dt": "dt_per_h", "time.dt_per_h": "dt"}
 """Setting the one takes the other away."""
 
 
-def nearest(name: object, known: Sequence[str]) -> str:
+def nearest(name: Unchecked, known: Sequence[str]) -> str:
     """Return ``; did you mean 'x'?`` or, where nothing is near, the list of what there is."""
     near = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.5)
     if near:
@@ -66,7 +67,7 @@ def apply_overrides(
     return done
 
 
-def _set(raw: dict[str, object], path: list[str], value: object) -> str:
+def _set(raw: dict[str, object], path: list[str], value: Unchecked) -> str:
     place: Any = raw
     found: list[str] = []
     for depth, name in enumerate(path):

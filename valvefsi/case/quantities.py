@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Annotated, get_args
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import PydanticCustomError, core_schema
 
+from valvefsi.types import Unchecked
 from valvefsi.units import MMHG
 
 if TYPE_CHECKING:
     import pint
+    from pydantic.fields import FieldInfo
 
 COMMON_UNITS = (
     "cm",
@@ -63,7 +65,7 @@ class Quantity:
     def __init__(self, unit: str) -> None:
         self.unit = unit
 
-    def parse(self, value: object) -> float:
+    def parse(self, value: Unchecked) -> float:
         """Return the number in ``unit``.
 
         Raises:
@@ -120,7 +122,7 @@ class Quantity:
         return PydanticCustomError("quantity", "expected a quantity in {unit}{why}", values)
 
     def __get_pydantic_core_schema__(
-        self, source: object, handler: GetCoreSchemaHandler
+        self, source: type, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
         """Parse before pydantic sees the number."""
         return core_schema.no_info_before_validator_function(self.parse, handler(source))
@@ -145,7 +147,7 @@ Angle = Annotated[float, Quantity("deg")]
 StepPerSpacing = Annotated[float, Quantity("s/cm")]
 
 
-def unit_of(field: object) -> str | None:
+def unit_of(field: FieldInfo | type) -> str | None:
     """Return the unit that a pydantic field, or an annotation anywhere inside it, is marked with."""
     for mark in (*getattr(field, "metadata", ()), *getattr(field, "__metadata__", ())):
         if isinstance(mark, Quantity):

@@ -19,6 +19,7 @@ from valvefsi.case.models import Case
 from valvefsi.case.overrides import apply_overrides, nearest
 from valvefsi.case.trust import load_own_materials
 from valvefsi.errors import CaseError
+from valvefsi.types import Unchecked
 
 MESSAGES = {
     "missing": "this key is required",
@@ -220,14 +221,14 @@ def one_line(
     return CaseError(" ".join(f"{message}{more}".split()), file=source, key=_shown(loc, raw), value=value)
 
 
-def _choices(value: object, choices: Sequence[str]) -> str:
+def _choices(value: Unchecked, choices: Sequence[str]) -> str:
     """Return the nearest of the valid choices and the list of them."""
     near = nearest(value, choices)
     listed = ", ".join(choices)
     return f"expected one of {listed}{near}" if "mean" in near else f"expected one of {listed}"
 
 
-def _source(key: str, file: Path | None, changed: Sequence[str]) -> object:
+def _source(key: str, file: Path | None, changed: Sequence[str]) -> Path | str | None:
     """Return where a value was given: on the command line or in the file."""
     related = (f"{c}.".startswith(f"{key}.") or key.startswith(f"{c}.") for c in changed)
     return "--set" if any(related) else file

@@ -10,11 +10,12 @@ from pydantic_core import PydanticCustomError
 
 from valvefsi.case.overrides import nearest
 from valvefsi.case.quantities import unit_of
+from valvefsi.types import Unchecked
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 
 
-def problem(message: str, key: str | None = None, value: object = None) -> PydanticCustomError:
+def problem(message: str, key: str | None = None, value: Unchecked = None) -> PydanticCustomError:
     """Return the error of a value, or of the value under ``key`` of a table."""
     return PydanticCustomError("case", "{message}", {"message": message, "key": key, "value": value})
 
@@ -26,7 +27,7 @@ class Table(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _know_all_keys(cls, data: object) -> object:
+    def _know_all_keys(cls, data: Unchecked) -> Unchecked:
         if isinstance(data, Mapping) and cls.model_config.get("extra") == "forbid":
             for key in data:
                 if key not in cls.model_fields:

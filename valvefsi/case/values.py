@@ -8,6 +8,7 @@ from pathlib import Path
 
 from valvefsi.case.models import Case
 from valvefsi.case.writing import to_dict
+from valvefsi.types import Unchecked
 
 FILES = ("file", "table")
 
@@ -27,7 +28,7 @@ def case_differences(a: Case, b: Case) -> dict[str, tuple[object, object]]:
     }
 
 
-def _flat(value: object, path: str) -> dict[str, object]:
+def _flat(value: Unchecked, path: str) -> dict[str, object]:
     """Return values by their paths, items of lists by name where they have one."""
     if isinstance(value, dict):
         items = list(value.items())
@@ -42,7 +43,7 @@ def _flat(value: object, path: str) -> dict[str, object]:
     return flat
 
 
-def _held_by(path: str, value: object) -> object:
+def _held_by(path: str, value: Unchecked) -> object:
     """Return a value, what a file holds instead of its name."""
     own = re.fullmatch(r"(.*\.py):(\w+)", value) if isinstance(value, str) else None
     file = own[1] if own else value if path.rpartition(".")[2] in FILES else None

@@ -12,6 +12,7 @@ from valvefsi.case.fluid_tables import SIDES
 from valvefsi.case.material_tables import Material
 from valvefsi.case.models import Case
 from valvefsi.case.table import Table
+from valvefsi.types import Unchecked
 
 EXAMPLE: dict[str, Any] = {
     "title": "compressed block in a box of fluid",
@@ -125,7 +126,7 @@ def _section(table: Table, path: tuple[str, ...], heading: str, comments: bool) 
     return ["", *about, heading.format(".".join(path)), *_table(table, path, comments=comments)]
 
 
-def _line(table: Table, key: str, field: FieldInfo, value: object) -> str:
+def _line(table: Table, key: str, field: FieldInfo, value: Unchecked) -> str:
     if value is None and key == "nu_stab":
         return 'nu_stab = "off"'
     if value is None:
@@ -144,7 +145,7 @@ def _comment(table: Table, key: str, field: FieldInfo) -> str:
     )
 
 
-def _text(value: object, unit: str | None) -> str:
+def _text(value: Unchecked, unit: str | None) -> str:
     """Return a value as TOML, a quantity with its unit."""
     if isinstance(value, dict):
         return f"{{{', '.join(f'{json.dumps(k)} = {_text(v, unit)}' for k, v in value.items())}}}"

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,9 @@ from scipy.linalg import expm, get_lapack_funcs
 
 from valvefsi.circulation.sampling import Sampling, Steps
 from valvefsi.types import Array
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 STEP = 1e-30
 """Complex step of derivatives; small enough that nothing of second order is left."""
@@ -172,7 +175,7 @@ class LinearSystem:
         t: Array | Sampling,
         u: Array,
         x: Array,
-        moved: Sequence[LinearSystem],
+        perturbations: Sequence[LinearSystem],
         start: Array | None,
     ) -> Array:
         """Return the derivative of the output by parameters and initial states.
@@ -183,25 +186,29 @@ class LinearSystem:
             t: Times, ``(n,)`` [s].
             u: Inputs there, ``(n, num_inputs)``.
             x: States at all samples, from `simulate`, ``(n, num_states)``.
-            moved: The system with each of the parameters moved by `STEP` along the imaginary axis.
+            perturbations: The system with each of the parameters perturbed by `STEP` along the imaginary axis.
             start: Derivative of the initial states by the parameters and by whatever else ``x[0]`` depends on,
-                ``(num_states, k)`` with k the number of ``moved`` or more; None where ``x`` is periodic.
+                ``(num_states, k)`` with k the number of ``perturbations`` or more; None where ``x`` is periodic.
 
         Returns:
             ``(n, k)``.
         """
         sampling, m = Sampling.of(t), len(self.states)
-        columns = len(moved) if start is None else start.shape[1]
+        columns = len(perturbations) if start is None else start.shape[1]
         steps = self._steps(sampling)
         E = steps.spread(self.propagators(steps.dt)[0])
         forcing = np.zeros((len(sampling.t) - 1, m, columns))
         slope = np.zeros((len(sampling.t), columns))
-        if moved and m:
-            slopes = [np.concatenate(other.propagators(steps.dt), axis=2).imag / STEP for other in moved]
+        if perturbations and m:
+            slopes = [
+                np.concatenate(other.propagators(steps.dt), axis=2).imag / STEP for other in perturbations
+            ]
             along = np.concatenate([x[:-1], u[:-1], u[1:]], axis=1)
             pushed = steps.apply(np.concatenate(slopes, axis=1), along)
-            forcing[:, :, : len(moved)] = pushed.reshape(len(pushed), len(moved), m).transpose(0, 2, 1)
-        for i, other in enumerate(moved):
+            forcing[:, :, : len(perturbations)] = pushed.reshape(
+                len(pushed), len(perturbations), m
+            ).transpose(0, 2, 1)
+        for i, other in enumerate(perturbations):
             slope[:, i] = x @ (other.C.imag / STEP) + u @ (other.D.imag / STEP)
         if m == 0:
             return slope
@@ -274,7 +281,9 @@ def reduce(
     return LinearSystem(A=rate * A_, B=rate * B_, C=C_, D=D_, states=states, inputs=inputs, output=output)
 
 
-def check_values(owner: object, positive: tuple[str, ...], not_negative: tuple[str, ...] = ()) -> None:
+def check_values(
+    owner: DataclassInstance, positive: tuple[str, ...], not_negative: tuple[str, ...] = ()
+) -> None:
     """Refuse parameters of a circuit that mean nothing.
 
     Raises:

@@ -52,9 +52,9 @@ class Connection:
 
     def inputs(self, t: float, outflow: float) -> Array:
         """Inputs at a time for a flow out of the box [cm^3/s]."""
-        given = self.drive(t)
+        inputs = self.drive(t)
         return np.array(
-            [FLOWS[name] * outflow if name in FLOWS else given[name] for name in self.system.inputs]
+            [FLOWS[name] * outflow if name in FLOWS else inputs[name] for name in self.system.inputs]
         )
 
 

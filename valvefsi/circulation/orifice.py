@@ -169,8 +169,8 @@ def orifice_of(t: Array, drop: Array, q: Array, loss: float | None = None) -> tu
     pushed, lost = _integral(t, drop), _integral(t, q * np.abs(q))
     if loss is not None:
         return float((pushed - loss * lost) @ gained / (gained @ gained)), loss
-    found = np.linalg.lstsq(np.stack([gained, lost], axis=1), pushed)[0]
-    return float(found[0]), float(found[1])
+    fit = np.linalg.lstsq(np.stack([gained, lost], axis=1), pushed)[0]
+    return float(fit[0]), float(fit[1])
 
 
 def _integral(t: Array, y: Array) -> Array:

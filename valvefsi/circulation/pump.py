@@ -118,10 +118,10 @@ def pump_pressure(circuit: UpstreamPorcine, t: ArrayLike, q_lv: ArrayLike, p_lv:
     if not system.states:
         return PumpPressure(t=t, p_pump=p_via + circuit.R_1 * q_lv, p_via=p_via)
     E, G0, G1 = system.propagators(np.diff(t))
-    known = p_via[1:] - E[:, 0, 0] * p_via[:-1] - G0[:, 0, 1] * q_lv[:-1] - G1[:, 0, 1] * q_lv[1:]
+    right = p_via[1:] - E[:, 0, 0] * p_via[:-1] - G0[:, 0, 1] * q_lv[:-1] - G1[:, 0, 1] * q_lv[1:]
     # P_{n+1} + ratio P_n = known: one solution with P_0 = 0, one of the homogeneous equation with P_0 = 1
     rhs = np.zeros((len(t), 2))
-    rhs[1:, 0], rhs[0, 1] = known / G1[:, 0, 0], 1.0
+    rhs[1:, 0], rhs[0, 1] = right / G1[:, 0, 0], 1.0
     band = np.stack([np.ones(len(t)), np.append(G0[:, 0, 0] / G1[:, 0, 0], 0.0)])
     particular, free = solve_banded((1, 0), band, rhs).T
     bend = np.diff(np.stack([particular, free]), min(2, len(t) - 1), axis=1)

@@ -71,7 +71,7 @@ def _root(
         raise typer.Exit
 
 
-def _one_line(message: object, *_: object, **__: object) -> str:
+def _one_line(message: Warning | str, *_: Any, **__: Any) -> str:
     """Return a warning as a user reads it, without the place in the code that gave it."""
     return f"warning: {message}\n"
 

@@ -14,6 +14,7 @@ from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import Out, Trust
 from valvefsi.cli.tables import number, print_table
 from valvefsi.errors import CaseError
+from valvefsi.types import Scalar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -168,5 +169,5 @@ def _cell(value: float | None, unit: str = "") -> str:
     return "-" if value is None else f"{value:.4g}{unit}"
 
 
-def _value(value: object) -> str:
+def _value(value: Scalar) -> str:
     return "-" if value is None else number(value)

@@ -11,6 +11,7 @@ import typer
 
 from valvefsi.cli.options import HELP, not_a_folder, plain
 from valvefsi.errors import CaseError
+from valvefsi.types import Scalar
 
 mesh = typer.Typer(help="Make meshes.", **HELP)
 
@@ -94,7 +95,7 @@ def import_(
     typer.echo(f"written: {out}")
 
 
-def _short(value: object) -> str:
+def _short(value: Scalar) -> str:
     """Return a number in few digits, without what round-off leaves of a zero."""
     return f"{round(value, 9) + 0.0:.5g}" if isinstance(value, float) else str(value)
 

@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING
 from valvefsi.cli.tables import format_time, number
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
     from mpi4py import MPI
     from rich.console import Console
     from rich.progress import Progress as Bars
     from rich.progress import TaskID
+
+    from valvefsi.types import Scalar
 
 PLAIN_INTERVAL, LIVE_INTERVAL = 5.0, 0.1
 SHOWN = 3
@@ -50,12 +54,12 @@ class Progress:
         """Return itself; nothing is shown before the first step."""
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, *_: BaseException | type[BaseException] | TracebackType | None) -> None:
         """Take the bar away from the cursor."""
         if self.live is not None:
             self.live.stop()
 
-    def __call__(self, step: int, t: float, t_end: float, info: Mapping[str, object] | None = None) -> None:
+    def __call__(self, step: int, t: float, t_end: float, info: Mapping[str, Scalar] | None = None) -> None:
         """Show how far the run is.
 
         Args:
@@ -139,7 +143,7 @@ def fitted(title: str, numbers: Sequence[str], width: int) -> tuple[str, str]:
     return title if len(title) <= most else f"{title[: most - 1]}…", text
 
 
-def _newest(info: Mapping[str, object]) -> list[tuple[str, object]]:
+def _newest(info: Mapping[str, Scalar]) -> list[tuple[str, Scalar]]:
     """Return flows and pressures of circuits and a valve's area, or the first few columns after step and time."""
     loop = [(name, value) for name, value in info.items() if name.startswith(("pdva_", "q_", "p_"))]
     return loop or [(name, value) for name, value in info.items() if name not in ("step", "t_s")][:SHOWN]

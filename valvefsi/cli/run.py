@@ -43,7 +43,7 @@ def run(
     if plan:
         result: dict[str, Any] = plan_case(loaded, comm, folder)
         if loaded.grid.dim == 3:
-            from valvefsi.benchmarks.studies.scaling import on_more_ranks
+            from valvefsi.benchmarks.studies.speed import on_more_ranks
 
             explicit = any("viscosity is explicit" in entry.note for entry in result["plan"])
             how: Any = {

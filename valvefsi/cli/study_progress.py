@@ -9,6 +9,8 @@ from valvefsi.cli.progress import PLAIN_INTERVAL, open_bar
 from valvefsi.cli.tables import format_time
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
     from rich.console import Console
     from rich.progress import Progress as Bars
     from rich.progress import TaskID
@@ -37,7 +39,7 @@ class StudyProgress:
         """Return itself; nothing is shown before the first call."""
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, *_: BaseException | type[BaseException] | TracebackType | None) -> None:
         """Take the bar away from the cursor."""
         if self.live is not None:
             self.live.stop()

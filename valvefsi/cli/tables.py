@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from valvefsi.types import Scalar
+
 if TYPE_CHECKING:
     from mpi4py import MPI
     from rich.console import Console
@@ -140,6 +142,6 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     return lines
 
 
-def number(value: object) -> str:
+def number(value: Scalar) -> str:
     """Return a value in few digits."""
     return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -44,7 +44,7 @@ def read_bench_beat(path: Path, *, period: float | None = None) -> Beat:
     length, where = _period(Path(path), waves, names, period)
     if not 0.0 < length < np.inf:
         raise CaseError(f"expected a positive time ({where})", file=path, key="period", value=length)
-    t, found, cycles = mean_beat(waves.t, {name: waves[name] for name in names}, length)
+    t, means, cycles = mean_beat(waves.t, {name: waves[name] for name in names}, length)
     gap = float(np.diff(np.append(t, length)).max()) if cycles else length
     if cycles == 0 or gap > LARGEST_GAP * length:
         message = (
@@ -56,8 +56,8 @@ def read_bench_beat(path: Path, *, period: float | None = None) -> Beat:
         name=Path(path).stem,
         t=t,
         period=length,
-        values=found["values"],
-        deviations={name: y[: len(t)] for name, y in own.items()} or found["deviations"],
+        values=means["values"],
+        deviations={name: y[: len(t)] for name, y in own.items()} or means["deviations"],
         measured=True,
         start=float(waves.t[0]),
         cycles=cycles,
@@ -72,9 +72,9 @@ def _period(path: Path, waves: Waveforms, names: list[str], period: float | None
     remarks = (
         line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.lstrip().startswith("#")
     )
-    if found := next(filter(None, map(NOTE.search, remarks)), None):
-        value = float(found[1]) / (float(found[2] or 1.0) or np.inf)
-        return value * UNITS["t"][found[3].lower()], "from the record's remark"
+    if match := next(filter(None, map(NOTE.search, remarks)), None):
+        value = float(match[1]) / (float(match[2] or 1.0) or np.inf)
+        return value * UNITS["t"][match[3].lower()], "from the record's remark"
     repeated = find_period(waves.t, waves[names[0]])
     if repeated is not None and waves.span >= SEVERAL * repeated:
         return repeated, f"found in its {names[0]}"
@@ -83,7 +83,7 @@ def _period(path: Path, waves: Waveforms, names: list[str], period: float | None
 
 def _deviations(table: Table, waves: Waveforms, names: list[str]) -> dict[str, Array]:
     """Return the standard deviations that a table has, by quantity, CGS."""
-    found = {}
+    notes = {}
     for heading in table.header:
         rest, count = DEVIATION.subn(r"\1", heading)
         if not count:
@@ -92,5 +92,5 @@ def _deviations(table: Table, waves: Waveforms, names: list[str]) -> dict[str, A
         name, unit = parse_heading(flat) or (flat, None)
         if name in names:
             scale = UNITS[kind_of(name)][unit] if unit else waves.unit_scale(name)
-            found[name] = np.abs(table.numbers(heading)) * scale
-    return found
+            notes[name] = np.abs(table.numbers(heading)) * scale
+    return notes

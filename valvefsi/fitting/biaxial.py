@@ -121,12 +121,12 @@ def fit_biaxial(
     for key in options:
         if key not in names:
             raise CaseError(f"unknown option, expected one of {', '.join(names)}", key=key)
-    chosen = BiaxialOptions(**options)
+    settings = BiaxialOptions(**options)
     records = data if isinstance(data, BiaxialData) else read_biaxial(data, reading)
-    used = records if chosen.protocols is None else records.select(chosen.protocols)
-    best, problem = _fit_model(used, model, chosen, notify)
-    others, plain = {}, replace(chosen, fix={}, bounds={})
-    for name in map(_plain, chosen.compare):  # what was fixed or bounded counts for the first only
+    used = records if settings.protocols is None else records.select(settings.protocols)
+    best, problem = _fit_model(used, model, settings, notify)
+    others, plain = {}, replace(settings, fix={}, bounds={})
+    for name in map(_plain, settings.compare):  # what was fixed or bounded counts for the first only
         if name != _plain(model):
             others[name] = _fit_model(used, name, plain, None)[0]
     return _reported(best, problem, records, others, notify)
@@ -193,7 +193,7 @@ def _reported(
             "comparison": comparison,
             "stability": checked.as_dict(),
         },
-        more=(*_said(predictions, comparison), *checked.lines()),
+        more=(*_prediction_lines(predictions, comparison), *checked.lines()),
     )
     return BiaxialFit(
         fit=best,
@@ -206,7 +206,7 @@ def _reported(
     )
 
 
-def _said(predictions: Measures, comparison: Measures) -> list[str]:
+def _prediction_lines(predictions: Measures, comparison: Measures) -> list[str]:
     return [
         f"protocol {name}, predicted: relative L2 {100 * size['relative_l2']:.3g} %, R2 {size['r_squared']:.4f}"
         for name, size in predictions.items()
@@ -235,13 +235,13 @@ def _compared(fit: Fit) -> dict[str, float]:
 
 def _remarks(fit: Fit, problem: Biaxial) -> list[str]:
     """Return what should be said of the model and the data together."""
-    said, free = [], [p.name for p in fit.problem.free_parameters]
+    lines, free = [], [p.name for p in fit.problem.free_parameters]
     if problem.material.model == "fung" and not getattr(problem.material, "shear", True):
-        said.append("no shear in the data: a4 is that of an isotropic sheet, a1 + a2 - 2 a3")
+        lines.append("no shear in the data: a4 is that of an isotropic sheet, a1 + a2 - 2 a3")
     if "angle" in free and not problem.data.shear:
         angle = number(fit.named["angle"])
-        said.append(f"without shear in the data the fibres may lie at +{angle} or at minus that angle")
-    return said
+        lines.append(f"without shear in the data the fibres may lie at +{angle} or at minus that angle")
+    return lines
 
 
 def _entries(values: Mapping[str, Any], units: Mapping[str, str], axis: str) -> dict[str, Any]:

@@ -108,7 +108,7 @@ class Biaxial:
     def own(self) -> tuple[Parameter, ...]:
         """The material's own parameters."""
         extent = Extent.of(self._state, float(np.abs(self.data.stress).max()))
-        return tuple(_chosen(p, self.options) for p in self.material.parameters(extent))
+        return tuple(_with_options(p, self.options) for p in self.material.parameters(extent))
 
     @property
     def count(self) -> int:
@@ -252,7 +252,7 @@ def measured_from_pk2(data: BiaxialData, F: Array) -> Array:
     return np.array(rows).transpose(0, 2, 1)
 
 
-def _chosen(parameter: Parameter, options: BiaxialOptions) -> Parameter:
+def _with_options(parameter: Parameter, options: BiaxialOptions) -> Parameter:
     """Return a parameter with what was fixed or bounded."""
     name, dispersion = parameter.name, parameter.name.startswith("kappa")
     if name in options.fix:

@@ -114,21 +114,21 @@ class BiaxialData:
         Raises:
             CaseError: There is none of a name, or no name at all.
         """
-        wanted = [str(name).strip() for name in names]
-        for name in wanted:
+        selection = [str(name).strip() for name in names]
+        for name in selection:
             if name not in self.names:
                 message = f"no such protocol, there are {', '.join(self.names)}"
                 raise CaseError(message, key="protocols", value=name)
-        kept = [k for k, name in enumerate(self.names) if name in wanted]
-        if not kept:
+        places = [k for k, name in enumerate(self.names) if name in selection]
+        if not places:
             raise CaseError("name at least one protocol", key="protocols")
-        rows = np.isin(self.protocol, kept)
+        rows = np.isin(self.protocol, places)
         return replace(
             self,
             F=self.F[rows],
             stress=self.stress[rows],
-            protocol=np.searchsorted(kept, self.protocol[rows]),
-            names=tuple(self.names[k] for k in kept),
+            protocol=np.searchsorted(places, self.protocol[rows]),
+            names=tuple(self.names[k] for k in places),
         )
 
     @property

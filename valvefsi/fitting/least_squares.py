@@ -142,13 +142,13 @@ def fit(
         raise CaseError(message, key="data")
     began = time.perf_counter()
     if not problem.free:
-        return _held(problem)
-    tried = []
+        return _fit_without_freedom(problem)
+    fits = []
     for x in draw_starts(problem, starts, seed, first):
-        tried.append(solve(problem, linear_start(problem, x)))
+        fits.append(solve(problem, linear_start(problem, x)))
         if notify:
-            notify("starts", len(tried), starts)
-    finite = sorted((s for s in tried if np.isfinite(s.cost)), key=lambda s: (not s.converged, s.cost))
+            notify("starts", len(fits), starts)
+    finite = sorted((s for s in fits if np.isfinite(s.cost)), key=lambda s: (not s.converged, s.cost))
     if not finite:
         raise ConvergenceError("no start gave a finite model: narrow the bounds")
     best = min(finite, key=lambda s: s.cost)
@@ -171,14 +171,14 @@ def draw_starts(
     high = np.array([p.scaled(p.range[1]) for p in parameters])
     power = max(int(np.ceil(np.log2(max(count, 1)))), 0)
     cube = qmc.Sobol(len(parameters), scramble=True, seed=seed).random_base2(power)[:count]
-    drawn = list(low + cube * (high - low))
+    samples = list(low + cube * (high - low))
     if first is not None:
         middle = (low + high) / 2
         own = [
             p.scaled(first[p.name]) if p.name in first else m for p, m in zip(parameters, middle, strict=True)
         ]
-        drawn = [np.clip(own, *problem.bounds), *drawn[: max(count - 1, 0)]]
-    return drawn
+        samples = [np.clip(own, *problem.bounds), *samples[: max(count - 1, 0)]]
+    return samples
 
 
 def linear_start(problem: Problem, x: Array) -> Array:
@@ -230,7 +230,7 @@ def solve(problem: Problem, x: Array, *, limit: int = 400, tolerance: float = 1e
         return Start(initial=initial, values=initial, cost=np.inf, converged=False, evaluations=1)
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            done = optimize.least_squares(
+            answer = optimize.least_squares(
                 problem.residual,
                 x,
                 jac=lambda x: problem.scaled_sensitivity(problem.values(x)),
@@ -247,27 +247,27 @@ def solve(problem: Problem, x: Array, *, limit: int = 400, tolerance: float = 1e
         return Start(initial=initial, values=initial, cost=np.inf, converged=False, evaluations=limit)
     return Start(
         initial=initial,
-        values=problem.values(done.x),
-        cost=float(done.cost),
-        converged=bool(done.success),
-        evaluations=int(done.nfev),
+        values=problem.values(answer.x),
+        cost=float(answer.cost),
+        converged=bool(answer.success),
+        evaluations=int(answer.nfev),
     )
 
 
 def _snapped(problem: Problem, values: Array) -> Array:
     """Return values with those that all but touch a bound put on it, where the curve does not change."""
-    moved = values.copy()
+    beside = values.copy()
     for i, p in zip(problem.free, problem.free_parameters, strict=True):
         x, ends = p.scaled(values[i]), [p.scaled(end) for end in p.bounds]
         for end, bound in zip(ends, p.bounds, strict=True):
             if abs(x - end) <= CLOSE * (ends[1] - ends[0]):
-                moved[i] = bound
+                beside[i] = bound
     with np.errstate(over="ignore", invalid="ignore"):
-        change = np.abs(problem.w * (problem.model(moved) - problem.model(values))).max()
-    return moved if change <= 1e-6 * np.abs(problem.w * problem.data).max() else values
+        change = np.abs(problem.w * (problem.model(beside) - problem.model(values))).max()
+    return beside if change <= 1e-6 * np.abs(problem.w * problem.data).max() else values
 
 
-def _held(problem: Problem) -> Fit:
+def _fit_without_freedom(problem: Problem) -> Fit:
     """Return the fit of a problem in which nothing is free."""
     values = problem.values(np.empty(0))
     cost = float(np.sum(problem.residual(np.empty(0)) ** 2) / 2)

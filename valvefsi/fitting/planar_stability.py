@@ -43,13 +43,13 @@ class Stability:
 
     def lines(self) -> list[str]:
         """Return it in words."""
-        said = []
+        lines = []
         for name, shares in (("convex in E", self.convex), ("elliptic (states in tension)", self.elliptic)):
             yes = [
                 "everywhere" if share == 1 else f"at {100 * share:.1f} % of the states" for share in shares
             ]
-            said.append(f"{name}: {yes[0]} in the data's range, {yes[1]} up to 20 % beyond")
-        return said
+            lines.append(f"{name}: {yes[0]} in the data's range, {yes[1]} up to 20 % beyond")
+        return lines
 
 
 def stability(material: PlanarMaterial, values: Array, F: Array) -> Stability:
@@ -72,9 +72,9 @@ def stability(material: PlanarMaterial, values: Array, F: Array) -> Stability:
         least = _least_acoustic(tangent, S, state)
         good = least >= -1e-9 * scale
         elliptic.append(_share(good[tense]))
-        lost = np.flatnonzero(tense & ~good)
-        if worst is None and len(lost):
-            k = lost[0]
+        failures = np.flatnonzero(tense & ~good)
+        if worst is None and len(failures):
+            k = failures[0]
             worst = tuple(
                 float(x) for x in ((state.C11[k] - 1) / 2, (state.C22[k] - 1) / 2, state.C12[k] / 2)
             )
@@ -108,9 +108,9 @@ def _tangent(material: PlanarMaterial, values: Array, state: PlanarState) -> tup
     columns = []
     parts = {"C11": state.C11, "C22": state.C22, "C12": state.C12}
     for name, slope in (("C11", 2.0), ("C22", 2.0), ("C12", 1.0)):
-        moved = {key: part.astype(complex) for key, part in parts.items()}
-        moved[name] += 1e-30j
-        columns.append(slope * material.stress(values.astype(complex), PlanarState(**moved)).imag / 1e-30)
+        step = {key: part.astype(complex) for key, part in parts.items()}
+        step[name] += 1e-30j
+        columns.append(slope * material.stress(values.astype(complex), PlanarState(**step)).imag / 1e-30)
     tangent = np.array(columns).transpose(2, 1, 0)
     return (tangent + tangent.transpose(0, 2, 1)) / 2, np.real(material.stress(values, state))
 

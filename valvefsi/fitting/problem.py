@@ -191,7 +191,7 @@ class Problem:
             columns.append((self.model(high) - self.model(low)) / (high[i] - low[i]))
         return np.array(columns).reshape(len(columns), len(self.data)).T
 
-    def held(self, name: str, value: float) -> Problem:
+    def with_constant(self, name: str, value: float) -> Problem:
         """Return the same problem with one parameter held."""
         parameters = [replace(p, value=value) if p.name == name else p for p in self.parameters]
         return replace(self, parameters=tuple(parameters))

@@ -126,17 +126,17 @@ class _Walk:
     ) -> list[tuple[float, float]]:
         """Return the points tried on the way to the threshold: secant and bisection in turn on the growth's root."""
         aim = self._growth(self.threshold)
-        tried: list[tuple[float, float]] = []
+        trials: list[tuple[float, float]] = []
         for turn in range(40):
             f, g = self._growth(inner[1]) - aim, self._growth(outer[1]) - aim
             secant = turn % 2 == 0 and g > f and np.isfinite(g)
             x = inner[0] - f * (outer[0] - inner[0]) / (g - f) if secant else (inner[0] + outer[0]) / 2
             cost, values = self._least(x, values)
-            tried.append((x, cost))
+            trials.append((x, cost))
             if abs(self._growth(cost) - aim) < 1e-3 * aim:
                 break
-            inner, outer = (tried[-1], outer) if cost <= self.threshold else (inner, tried[-1])
-        return tried
+            inner, outer = (trials[-1], outer) if cost <= self.threshold else (inner, trials[-1])
+        return trials
 
     def _growth(self, cost: float) -> float:
         return float(np.sqrt(max(cost - self.fit.cost, 0.0)))
@@ -144,9 +144,9 @@ class _Walk:
     def _least(self, x: float, values: Array) -> tuple[float, Array]:
         """Return the least cost with the parameter held at the scaled value, and the values there."""
         parameter = self.fit.problem.free_parameters[self.at]
-        problem = self.fit.problem.held(parameter.name, parameter.natural(x))
+        problem = self.fit.problem.with_constant(parameter.name, parameter.natural(x))
         if not problem.free:
             values = problem.values(np.empty(0))
             return float(np.sum(problem.residual(np.empty(0)) ** 2) / 2), values
-        done = solve(problem, problem.scaled(values), limit=60, tolerance=RESAMPLED)
-        return done.cost, done.values
+        answer = solve(problem, problem.scaled(values), limit=60, tolerance=RESAMPLED)
+        return answer.cost, answer.values

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from valvefsi.errors import CaseError
-from valvefsi.types import Array, Indices
+from valvefsi.types import Array, Indices, Scalar
 
 STATISTICS = {
     *("sd", "std", "stdev", "stddev", "se", "sem", "err", "error", "unc", "uncertainty"),
@@ -56,7 +56,7 @@ class Table:
                 raise self.fault("expected a finite number", header, line, row[at])
         return np.array(values)
 
-    def fault(self, message: str, header: str, line: int | None = None, value: object = None) -> CaseError:
+    def fault(self, message: str, header: str, line: int | None = None, value: Scalar = None) -> CaseError:
         """Return an error that names file, row (the header's if not given) and column."""
         line = self.header_line if line is None else int(line)
         return CaseError(message, file=self.path, key=f"row {line}, column {header}", value=value)

@@ -54,19 +54,19 @@ class Assessment:
 
     def remarks(self) -> list[str]:
         """Return what must be said before the numbers: few starts at the best, systematic residuals."""
-        fit, said = self.fit, []
+        fit, lines = self.fit, []
         if len(fit.starts) > 1 and fit.reached <= max(1, FEW * len(fit.starts)):
-            said.append(
+            lines.append(
                 f"warning: {fit.reached} of {len(fit.starts)} starts reached the best cost; there may be a better one: "
                 "raise --starts, narrow --bounds or --fix a parameter"
             )
         if self.alike > ALIKE:
-            said.append(
+            lines.append(
                 f"warning: neighbouring residuals are alike (over about {self.alike:.0f} samples): the model misses "
                 "the data systematically, and intervals for independent errors are too narrow, by about "
                 f"{np.sqrt(self.alike):.1f} times"
             )
-        return said
+        return lines
 
     def covariance(self) -> str:
         """Return what the covariance-based intervals are worth beside the profiles', nothing where they agree."""
@@ -227,7 +227,7 @@ class Report:
         """Return what is said below the table."""
         fit, size = self.fit, measures(self.fit.problem.data, self.fit.curve)
         singular = self.assessment.linear.singular_values
-        said = [
+        lines = [
             f"half sum of squares {fit.half_squares:.8g} ({fit.problem.unit})^2, R2 {size['r_squared']:.5f}, "
             f"NRMSE {100 * size['nrmse']:.3g} %, relative L2 {100 * size['relative_l2']:.3g} %, "
             f"Linf {100 * size['relative_linf']:.3g} %, {len(fit.problem.data)} numbers",
@@ -235,11 +235,11 @@ class Report:
             f"{fit.seconds:.1f} s)",
         ]
         if len(singular) > 1:
-            said.append(f"condition of the scaled Jacobian {singular[0] / max(singular[-1], 1e-300):.3g}")
+            lines.append(f"condition of the scaled Jacobian {singular[0] / max(singular[-1], 1e-300):.3g}")
         if self.assessment.held_out:
             parts = [f"{b.block}: {100 * b.relative_l2:.1f} %" for b in self.assessment.held_out]
-            said.append("error on each block predicted by the others, relative L2: " + ", ".join(parts))
-        return [*said, *filter(None, [self.assessment.covariance()]), *self.more]
+            lines.append("error on each block predicted by the others, relative L2: " + ", ".join(parts))
+        return [*lines, *filter(None, [self.assessment.covariance()]), *self.more]
 
     def summary(self) -> str:
         """Return the table and what belongs to it as text."""

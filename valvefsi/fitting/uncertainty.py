@@ -22,7 +22,7 @@ WEAK = 0.5
 """A parameter is weak when its interval reaches further than this part of its value (or of its range)."""
 TRADES = 0.99
 """Two parameters trade against each other when they are correlated more than this."""
-LOST = 1e-7
+NEGLIGIBLE = 1e-7
 """A direction is not in the data when its singular value is below this part of the largest."""
 ALIKE = 2.0
 """Residuals alike over more observations than this are systematic, not noise."""
@@ -102,19 +102,19 @@ def linearised(fit: Fit, level: float = LEVEL) -> Linear:
     sigma = float(np.sqrt(2 * fit.half_squares / freedom)) if freedom else np.nan
     size = np.linalg.norm(jacobian, axis=0)
     inside = np.array([bound is None for bound in fit.at_bound], dtype=bool)
-    inside &= size > LOST * size.max(initial=0.0)
+    inside &= size > NEGLIGIBLE * size.max(initial=0.0)
     singular, rows = np.zeros(0), np.zeros((0, 0))
     if inside.any():
         _, singular, rows = np.linalg.svd(jacobian[:, inside] / size[inside], full_matrices=False)
-    seen = singular > LOST * singular.max(initial=0.0)
+    visible = singular > NEGLIGIBLE * singular.max(initial=0.0)
     covariance = np.full((count, count), np.nan)
-    part = sigma**2 * (rows[seen].T / singular[seen] ** 2) @ rows[seen]
+    part = sigma**2 * (rows[visible].T / singular[visible] ** 2) @ rows[visible]
     part = part / np.outer(size[inside], size[inside])
-    loose = np.abs(rows[~seen]).max(axis=0, initial=0.0) > 1e-3
+    loose = np.abs(rows[~visible]).max(axis=0, initial=0.0) > 1e-3
     part[loose, :] = part[:, loose] = np.nan
     covariance[np.ix_(inside, inside)] = part
-    lost = np.zeros((int((~seen).sum()), count))
-    lost[:, inside] = rows[~seen]
+    lost = np.zeros((int((~visible).sum()), count))
+    lost[:, inside] = rows[~visible]
     deviation = np.sqrt(np.diag(covariance))
     reach = stats.t.ppf((1 + level) / 2, freedom) * deviation if freedom else np.full(count, np.nan)
     with np.errstate(invalid="ignore"):
@@ -141,27 +141,27 @@ def verdicts(
     with the parameters it trades against; ``doubtful`` in place of identified where there is a ``doubt``.
     """
     by_name = {p.name: p for p in walked}
-    said = {}
+    verdicts = {}
     for k, (parameter, bound) in enumerate(zip(fit.problem.free_parameters, fit.at_bound, strict=True)):
         own = by_name.get(parameter.name)
         partners = _partners(linear, k)
         against = f": trades against {', '.join(partners)}" if partners else ""
         open_ends = own.open_ends if own else (False, False)
         fixed = np.isfinite(linear.std[k]) or (own is not None and not all(open_ends))
-        lost = any(abs(direction[k]) > 1e-2 for direction in linear.lost) or not fixed
+        loose = any(abs(direction[k]) > 1e-2 for direction in linear.lost) or not fixed
         value = fit.values[fit.problem.free[k]]
         reference = min(abs(value), parameter.width) if parameter.period is None else parameter.period / 2
         low, high = own.interval if own else linear.intervals[k]
         wide = not max(high - value, value - low) <= WEAK * max(reference, 1e-300)
         if bound is not None:
-            said[parameter.name] = f"at bound ({bound})"
-        elif lost or (all(open_ends) and parameter.period is None):
-            said[parameter.name] = f"not identified{against}"
+            verdicts[parameter.name] = f"at bound ({bound})"
+        elif loose or (all(open_ends) and parameter.period is None):
+            verdicts[parameter.name] = f"not identified{against}"
         elif wide or (any(open_ends) and parameter.period is None):
-            said[parameter.name] = f"weak{against}"
+            verdicts[parameter.name] = f"weak{against}"
         else:
-            said[parameter.name] = f"doubtful: {doubt}" if doubt else "identified"
-    return said
+            verdicts[parameter.name] = f"doubtful: {doubt}" if doubt else "identified"
+    return verdicts
 
 
 def correlation_length(residual: Array, series: Indices | None = None) -> float:
@@ -202,7 +202,7 @@ def combined(
     """
     problem, values = fit.problem, fit.named
     _, singular, rows = np.linalg.svd(fit.jacobian, full_matrices=False)
-    seen = singular > LOST * singular.max(initial=0.0)
+    visible = singular > NEGLIGIBLE * singular.max(initial=0.0)
     sigma = np.sqrt(2 * fit.half_squares / max(len(problem.data) - len(problem.free), 1))
     entries: dict[str, tuple[float, float | None]] = {}
     for name, function in functions.items():
@@ -212,9 +212,9 @@ def combined(
         ]
         slopes = np.array(by) * problem.slopes(fit.values)
         along = rows @ slopes
-        lost = np.linalg.norm(along[~seen]) > 1e-6 * np.linalg.norm(slopes)
+        lost = np.linalg.norm(along[~visible]) > 1e-6 * np.linalg.norm(slopes)
         if np.any(slopes):
-            deviation = None if lost else float(sigma * np.linalg.norm(along[seen] / singular[seen]))
+            deviation = None if lost else float(sigma * np.linalg.norm(along[visible] / singular[visible]))
             entries[name] = (float(np.real(function(values))), deviation)
     return entries
 
@@ -231,8 +231,8 @@ def bootstrap(
     start, rows = problem.scaled(fit.values), []
     for number in range(draws):
         counts = np.bincount(rng.choice(len(blocks), len(blocks)), minlength=len(blocks))
-        done = solve(problem.weighted(np.sqrt(counts)[place]), start, limit=100, tolerance=RESAMPLED)
-        rows.append(done.values[list(problem.free)])
+        answer = solve(problem.weighted(np.sqrt(counts)[place]), start, limit=100, tolerance=RESAMPLED)
+        rows.append(answer.values[list(problem.free)])
         if notify:
             notify("resampling", number + 1, draws)
     values = np.array(rows)
@@ -254,8 +254,8 @@ def leave_one_out(fit: Fit) -> tuple[HeldOut, ...]:
     start, entries = problem.scaled(fit.values), []
     for block in blocks:
         out = problem.block_of == block
-        done = solve(problem.weighted((~out).astype(float)), start)
-        error = (problem.model(done.values) - problem.data)[out]
+        answer = solve(problem.weighted((~out).astype(float)), start)
+        error = (problem.model(answer.values) - problem.data)[out]
         size = np.linalg.norm(problem.data[out]) or 1.0
         entries.append(
             HeldOut(

@@ -67,7 +67,7 @@ def find_outliers(waves: Waveforms, quantities: Iterable[str] | None = None) -> 
         waves: The record.
         quantities: Quantities to look at; all if not given.
     """
-    found = []
+    faults = []
     for quantity in waves.values if quantities is None else quantities:
         y, scale = waves[quantity], waves.unit_scale(quantity)
         far, middle = _far(y)
@@ -76,7 +76,7 @@ def find_outliers(waves: Waveforms, quantities: Iterable[str] | None = None) -> 
         for i in far:
             power = _slip(y[i], middle[i])
             instead = y[i] / 10.0**power if power else np.interp(waves.t[i], waves.t[fine], y[fine])
-            found.append(
+            faults.append(
                 Outlier(
                     quantity=quantity,
                     sample=int(i),
@@ -88,7 +88,7 @@ def find_outliers(waves: Waveforms, quantities: Iterable[str] | None = None) -> 
                     heading=waves.heading(quantity),
                 )
             )
-    return tuple(sorted(found, key=lambda outlier: outlier.sample))
+    return tuple(sorted(faults, key=lambda outlier: outlier.sample))
 
 
 def repair(waves: Waveforms, outliers: Iterable[Outlier]) -> Waveforms:
@@ -144,10 +144,10 @@ def whole_cycles(waves: Waveforms, period: float) -> tuple[Waveforms, int]:
             f"expected a period in 0 ... {waves.span:.6g} s, the length of the record", key="period"
         )
     end = waves.t[0] + count * period
-    kept = np.flatnonzero(waves.t < end - 0.25 * usual)
-    if len(kept) < FEWEST:
+    rest = np.flatnonzero(waves.t < end - 0.25 * usual)
+    if len(rest) < FEWEST:
         raise CaseError("too few samples in a cycle", key="period", value=period)
-    cut = waves.picked(np.append(kept, 0))
+    cut = waves.picked(np.append(rest, 0))
     t = cut.t.copy()
     t[-1] = end
     rows = None if cut.rows is None else cut.rows

@@ -109,16 +109,16 @@ class Waveforms:
         Raises:
             CaseError: One of ``quantities`` is not in the record.
         """
-        wanted = list(quantities)
-        missing = [quantity for quantity in wanted if quantity not in self.values]
+        need = list(quantities)
+        missing = [quantity for quantity in need if quantity not in self.values]
         if missing:
-            named = " and ".join(
+            names = " and ".join(
                 f"{q} ({KINDS[kind_of(q)]}, a column such as {EXAMPLES[kind_of(q)].format(q)})"
                 for q in missing
             )
             there = ", ".join(self.heading(q) for q in self.values) or "none"
             raise CaseError(
-                f"{what} needs {' and '.join(wanted)}; missing is {named}; columns read besides the time: {there}",
+                f"{what} needs {' and '.join(need)}; missing is {names}; columns read besides the time: {there}",
                 file=self.file,
             )
 
@@ -240,9 +240,9 @@ def _assign(table: Table, columns: dict[str, str]) -> dict[str, tuple[str, str]]
     """Return heading and unit of each quantity."""
     read: dict[str, tuple[str, str]] = {}
     pointed = {name: _pointed(table, name, text) for name, text in columns.items()}
-    taken = {heading for heading, _ in pointed.values()}
+    headings = {heading for heading, _ in pointed.values()}
     for heading in table.header:
-        if heading in taken:
+        if heading in headings:
             continue
         parsed = parse_heading(heading)
         if parsed is None:

@@ -154,7 +154,7 @@ def fit_windkessel(
         if settings.lag == "check"
         else None
     )
-    said = [line for line in (lag.line() if lag else "", coarseness(best, simulator)) if line]
+    lines = [line for line in (lag.line() if lag else "", coarseness(best, simulator)) if line]
     assessment = assess(
         best,
         with_profiles=settings.profiles,
@@ -164,7 +164,7 @@ def fit_windkessel(
         notify=notify,
     )
     return _reported(
-        assessment, waves, simulator, circuit, cycles, (*notes, *said, *assessment.remarks()), lag
+        assessment, waves, simulator, circuit, cycles, (*notes, *lines, *assessment.remarks()), lag
     )
 
 
@@ -229,9 +229,9 @@ def compare(reports: Sequence[CircuitReport]) -> list[dict[str, Any]]:
     for report in reports:
         entry = report.as_dict()
         held_out = [block.rmse for block in report.assessment.held_out]
-        kept = ("n_free", "relative_l2", "relative_linf", "aicc", "bic")
+        keys = ("n_free", "relative_l2", "relative_linf", "aicc", "bic")
         error = float(np.sqrt(np.mean(np.square(held_out)))) if held_out else None
-        rows.append({"circuit": report.model, "held_out_rmse": error, **{key: entry[key] for key in kept}})
+        rows.append({"circuit": report.model, "held_out_rmse": error, **{key: entry[key] for key in keys}})
     for name in ("aicc", "bic"):
         least = min(row[name] for row in rows)
         for row in rows:
@@ -315,20 +315,20 @@ def _check_fixed(model: CircuitModel, settings: Settings) -> None:
 
 
 def _parameter(name: str, unit: str, model: CircuitModel, settings: Settings, data: Array) -> Parameter:
-    held = settings.fixed.get(name)
+    value = settings.fixed.get(name)
     if name in model.starts:
         low, high = settings.bounds.get(name, BOUNDS[unit])
         if low < 0:
             raise CaseError("expected a lower bound of zero or above", key=name, value=low)
         start = model.starts[name]
-        return Parameter(name=name, unit=unit, lower=low, upper=high, start=start, log=low > 0, value=held)
+        return Parameter(name=name, unit=unit, lower=low, upper=high, start=start, log=low > 0, value=value)
     if name == LAG:
         low, high = settings.bounds.get(name, (-LAG_MOST, LAG_MOST))
-        return Parameter(name=name, unit=unit, lower=low, upper=high, start=(-10.0, 10.0), value=held)
+        return Parameter(name=name, unit=unit, lower=low, upper=high, start=(-10.0, 10.0), value=value)
     low, high = settings.bounds.get(name, STARTS[unit])
     start = (float(data.min()), float(data.max())) if unit == "mmHg" else (-100.0, 100.0)
     start = start if start[0] < start[1] else (start[0] - 1, start[0] + 1)
-    return Parameter(name=name, unit=unit, lower=low, upper=high, start=start, value=held, linear=True)
+    return Parameter(name=name, unit=unit, lower=low, upper=high, start=start, value=value, linear=True)
 
 
 def _blocks(t: Array, cycles: Cycles) -> tuple[Indices, dict[int, str]]:
@@ -365,13 +365,13 @@ def _cut(waves: Waveforms, model: CircuitModel, settings: Settings) -> tuple[Wav
 def _remarks(waves: Waveforms, model: CircuitModel) -> list[str]:
     """Return what is odd about a record."""
     outliers = find_outliers(waves, (*model.inputs, model.output))
-    said = [outlier.line() for outlier in outliers]
+    lines = [outlier.line() for outlier in outliers]
     if outliers:
-        said.append(f"{len(outliers)} outliers are left in the record; --repair outliers replaces them")
+        lines.append(f"{len(outliers)} outliers are left in the record; --repair outliers replaces them")
     for name in model.inputs:
         if name[0] == "q" and waves[name].mean() < 0:
-            said.append(
+            lines.append(
                 f"the mean of {waves.heading(name)} is negative: it is taken as positive downstream; "
                 f"--flip {name} turns it round"
             )
-    return said
+    return lines

@@ -37,11 +37,11 @@ class Lag:
 
     def line(self) -> str:
         """Return it in words."""
-        moved = ", ".join(f"{name} {100 * change:+.1f} %" for name, change in self.changes.items())
+        changes = ", ".join(f"{name} {100 * change:+.1f} %" for name, change in self.changes.items())
         who = "follows" if self.value > 0 else "leads"
         return (
             f"warning: the pressure {who} the inputs by {abs(self.value):.2f} ms (std {self.std:.2g} ms), from "
-            f"delays of the sensors or the way between them; with the lag fitted: {moved}; fit it with --lag fit, or "
+            f"delays of the sensors or the way between them; with the lag fitted: {changes}; fit it with --lag fit, or "
             "correct the record"
         )
 
@@ -62,14 +62,14 @@ def lag_of(best: Fit, simulator: Simulator, problem: Problem) -> Lag | None:
         return None
     if len(problem.data) <= len(problem.free):
         return None
-    done = solve(problem, problem.scaled(np.append(best.values, 0.0)), tolerance=1e-9)
-    if not np.isfinite(done.cost):
+    answer = solve(problem, problem.scaled(np.append(best.values, 0.0)), tolerance=1e-9)
+    if not np.isfinite(answer.cost):
         return None
-    lagged = replace(best, problem=problem, values=done.values, cost=done.cost, starts=(done,))
+    lagged = replace(best, problem=problem, values=answer.values, cost=answer.cost, starts=(answer,))
     std = uncertainty.linearised(lagged).std[-1] * np.sqrt(uncertainty.correlation_length(lagged.residual))
-    if not abs(done.values[-1]) > max(SURE * std, SHORTEST):
+    if not abs(answer.values[-1]) > max(SURE * std, SHORTEST):
         return None
-    return Lag(value=float(done.values[-1]), std=float(std), changes=_changes(best, done.values))
+    return Lag(value=float(answer.values[-1]), std=float(std), changes=_changes(best, answer.values))
 
 
 def coarseness(best: Fit, simulator: Simulator) -> str:
@@ -83,27 +83,27 @@ def coarseness(best: Fit, simulator: Simulator) -> str:
         simulator: The circuit driven by the record.
     """
     count = len(simulator.t)
-    kept = np.unique(np.append(np.arange(0, count, 2), count - 1))  # the last closes a cycle
-    if len(kept) < FEWEST or LAG in simulator.names or not best.problem.free:
+    half = np.unique(np.append(np.arange(0, count, 2), count - 1))  # the last closes a cycle
+    if len(half) < FEWEST or LAG in simulator.names or not best.problem.free:
         return ""
-    thin = replace(simulator, t=simulator.t[kept], u=simulator.u[kept], kept=np.arange(len(kept)), _last={})
+    thin = replace(simulator, t=simulator.t[half], u=simulator.u[half], kept=np.arange(len(half)), _last={})
     problem = replace(
         best.problem,
-        data=best.problem.data[kept],
+        data=best.problem.data[half],
         model=thin.curve,
         jacobian=thin.jacobian,
         blocks=None,
         weights=None,
     )
-    done = solve(problem, problem.scaled(best.values), tolerance=1e-9)
+    answer = solve(problem, problem.scaled(best.values), tolerance=1e-9)
     linear = uncertainty.linearised(best)
     std = dict(zip(linear.names, linear.std, strict=True))
     off = {
         name: change / 3
-        for name, change in _changes(best, done.values).items()
+        for name, change in _changes(best, answer.values).items()
         if abs(change) / 3 > max(COARSE, std[name] / abs(best.named[name]))
     }
-    if not off or not np.isfinite(done.cost):
+    if not off or not np.isfinite(answer.cost):
         return ""
     parts = ", ".join(f"{name} by about {100 * abs(part):.0f} %" for name, part in off.items())
     step = 1e3 * float(np.median(np.diff(simulator.t)))

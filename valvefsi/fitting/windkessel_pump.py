@@ -75,13 +75,13 @@ class PumpReport:
     def as_dict(self) -> dict[str, Any]:
         """Return what ``fit.json`` holds."""
         units, file = find_circuit(CIRCUIT).parameters, self.measured.file
-        held = {"std": None, "ci95": None, "verdict": "held"}
+        entry = {"std": None, "ci95": None, "verdict": "held"}
         return {
             "kind": "windkessel",
             "model": CIRCUIT,
             "derived": "p_pump",
             "parameters": {
-                name: {"value": v, "unit": units[name], **held} for name, v in self.parameters.items()
+                name: {"value": v, "unit": units[name], **entry} for name, v in self.parameters.items()
             },
             "roundtrip_mmHg": self.roundtrip,
             "norms_over_time": self.misfit,

@@ -39,7 +39,7 @@ FACES = {
 
 def import_mesh(
     path: str | Path, out: str | Path, *, scale: float = 1.0, size: float | None = None, angle: float = 40.0
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Make a mesh file that a case can use of a surface or volume mesh.
 
     Args:

@@ -291,7 +291,7 @@ def _header(
     return prefix + text, {name: start + entry["offset"] for name, entry in table.items()}
 
 
-def _plain(value: object) -> object:
+def _plain(value: np.generic | np.ndarray | Path) -> Any:
     """Return what JSON can hold for a NumPy number or array, or a path."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
@@ -307,7 +307,7 @@ def _write(
         raise_together(comm, OSError(f"cannot write {path}: {failure}"))
     raise_together(comm, None)
 
-    def attempt(call: Callable[..., object], *arguments: object) -> None:
+    def attempt(call: Callable[..., None], *arguments: Any) -> None:
         nonlocal error
         try:
             call(*arguments)

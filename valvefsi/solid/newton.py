@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from types import TracebackType
 
     from dolfinx import fem
 
@@ -116,7 +117,7 @@ class Newton:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_: BaseException | type[BaseException] | TracebackType | None) -> None:
         self.destroy()
 
     def destroy(self) -> None:

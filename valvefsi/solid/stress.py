@@ -27,6 +27,7 @@ from valvefsi.solid.materials.kinematics import Kinematics
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from types import TracebackType
 
     from numpy.typing import NDArray
     from ufl.core.expr import Expr
@@ -264,7 +265,7 @@ class _Projection:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_: BaseException | type[BaseException] | TracebackType | None) -> None:
         for thing in (self._solver, self._A, self._b, self._x):
             thing.destroy()
 

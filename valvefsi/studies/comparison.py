@@ -13,6 +13,7 @@ from valvefsi.fitting.report import number, write_json
 from valvefsi.io.folder import write_text
 from valvefsi.post.valve_beat import QUANTITIES, Beat
 from valvefsi.post.valve_comparison import Pair, compare_beats
+from valvefsi.types import Scalar
 
 KINDS = ("l2_percent", "linf_percent", "nrmse_percent")
 COLUMNS = (
@@ -75,7 +76,7 @@ def _called(result: Comparison, side: str) -> str:
     return f"{result[side]['name']} ({side.upper()})" if same else str(result[side]["name"])
 
 
-def norm_rows(results: Sequence[Comparison]) -> list[tuple[object, ...]]:
+def norm_rows(results: Sequence[Comparison]) -> list[tuple[Scalar, ...]]:
     """Return the rows of the table of norms, under `COLUMNS`."""
     return [
         (
@@ -92,7 +93,7 @@ def norm_rows(results: Sequence[Comparison]) -> list[tuple[object, ...]]:
     ]
 
 
-def write_tables(rows: Sequence[Sequence[object]], folder: Path) -> None:
+def write_tables(rows: Sequence[Sequence[Scalar]], folder: Path) -> None:
     """Write ``norms.csv`` and ``norms.md``, see `norm_rows`."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -104,7 +105,7 @@ def write_tables(rows: Sequence[Sequence[object]], folder: Path) -> None:
     write_text(folder / "norms.md", "".join(f"| {' | '.join(line)} |\n" for line in lines))
 
 
-def _short(cell: object) -> str:
+def _short(cell: Scalar) -> str:
     return "" if cell is None else number(float(str(cell)))
 
 

@@ -23,6 +23,7 @@ from valvefsi.errors import CaseError
 from valvefsi.io.checkpoint import list_checkpoints, newest_meta
 from valvefsi.io.folder import write_text
 from valvefsi.run.schedule import check_end
+from valvefsi.types import Scalar
 
 RECORD, LOG, SUMMARY = "member.json", "run.log", "summary.json"
 Values = dict[str, Any]
@@ -116,7 +117,7 @@ def read_json(path: Path) -> Values:
     return {}
 
 
-def write_record(folder: Path, member: Member, inputs: Mapping[str, Any], **how: object) -> None:
+def write_record(folder: Path, member: Member, inputs: Mapping[str, Any], **how: Scalar) -> None:
     """Write ``member.json``: what a member is, and how it ended."""
     record = {"member": member.name, "overrides": list(member.overrides), **how, "inputs": dict(inputs)}
     folder.mkdir(parents=True, exist_ok=True)

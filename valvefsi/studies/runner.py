@@ -27,6 +27,7 @@ from valvefsi.io.checkpoint import list_checkpoints
 from valvefsi.io.folder import held
 from valvefsi.io.history import last_row
 from valvefsi.runtime.signals import collected_signals
+from valvefsi.runtime.surroundings import without_launcher
 from valvefsi.studies.members import (
     LOG,
     RECORD,
@@ -39,14 +40,13 @@ from valvefsi.studies.members import (
     standing,
     write_record,
 )
+from valvefsi.types import Scalar
 
 PROGRAM = (sys.executable, "-m", "valvefsi")
 POLL = 0.2
 """Time between two looks at the processes [s]."""
 KNOWN = 0.2
 """Part of a member from which its own pace says how long it takes: its start is behind it."""
-LAUNCHER = ("PMI_", "PMIX_", "HYDI_", "HYDRA_", "OMPI_COMM_", "OMPI_UNIVERSE", "MPI_LOCAL")
-"""Variables by which a launcher of ranks tells a process that it is one: a member is none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +136,7 @@ class _Task:
         done = code == 0 and (self.folder / SUMMARY).is_file()
         state: Literal["done", "failed"] = "done" if done else "failed"
         message, wall = "" if done else _last_words(code, self.folder / LOG), time.monotonic() - self.started
-        how = {"message": message, "wall_s": wall}
+        how: dict[str, Scalar] = {"message": message, "wall_s": wall}
         said = "stopped" if stopping and not done else state
         write_record(self.folder, self.member, inputs_of(self.case), state=said, **how)
         if stopping and not done:
@@ -146,7 +146,7 @@ class _Task:
 
 def _environment() -> dict[str, str]:
     """Return what a member finds around it: one thread, no launcher, no colours, nothing held back in a buffer."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER)}
+    kept = without_launcher()
     for name in ("VALVEFSI_THREADS", "FORCE_COLOR", "TTY_COMPATIBLE"):
         kept.pop(name, None)
     return kept | {"OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1", "MPLBACKEND": "Agg"}

@@ -16,6 +16,7 @@ from typing import Any
 import valvefsi
 from valvefsi.errors import CaseError
 from valvefsi.fitting.report import sha256, write_json
+from valvefsi.types import Unchecked
 
 RECORD = "stage.json"
 
@@ -161,7 +162,7 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     return found
 
 
-def _hash(value: object) -> str:
+def _hash(value: Unchecked) -> str:
     """Return the hash of a file."""
     if not isinstance(value, Path):
         raise TypeError(f"expected a number, a text, a table or a path, found {type(value).__name__}")

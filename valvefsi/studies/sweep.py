@@ -18,6 +18,7 @@ from valvefsi.case.quantities import NUMBER, Quantity
 from valvefsi.errors import CaseError
 from valvefsi.io.folder import write_text
 from valvefsi.studies.members import Member, Outcome, Values
+from valvefsi.types import Unchecked
 
 LONGEST = 40
 """Characters of a value in the name of a folder."""
@@ -177,7 +178,7 @@ def _parameter(key: str, values: tuple[str, ...], short: str) -> Parameter:
     return Parameter(key=key, values=values, short=short, unit=match[2], numbers=numbers)
 
 
-def scalars(summary: object, path: str = "") -> Values:
+def scalars(summary: Unchecked, path: str = "") -> Values:
     """Return the single values of a summary by their paths; items of lists by number."""
     if isinstance(summary, dict):
         items = list(summary.items())

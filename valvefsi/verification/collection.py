@@ -48,8 +48,8 @@ class Line:
 
     def label(self) -> str:
         """Return the quantity, with the grid where a result has one and does not name it there."""
-        named = not self.grid or "," in self.grid or f"= {self.grid}" in self.quantity
-        return self.quantity if named else f"{self.quantity} ({self.grid})"
+        complete = not self.grid or "," in self.grid or f"= {self.grid}" in self.quantity
+        return self.quantity if complete else f"{self.quantity} ({self.grid})"
 
     def cells(self) -> tuple[str, ...]:
         """Return the texts under `COLUMNS`."""

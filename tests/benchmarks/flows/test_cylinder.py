@@ -10,8 +10,7 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.benchmarks.flows.cylinder import PARAMETERS, Cylinder, build, stream
-from valvefsi.benchmarks.flows.shedding import Forces, numbers
+from valvefsi.benchmarks.flows.cylinder import Cylinder, Forces, build, numbers, stream
 from valvefsi.benchmarks.frame import Job
 from valvefsi.benchmarks.options import defaults
 from valvefsi.errors import CaseError
@@ -48,7 +47,7 @@ def test_a_ring_in_a_flow_feels_drag_and_hardly_any_lift_at_first(shared_tmp):
 
 
 def test_points_stay_at_their_places_though_the_kernel_does_not_feel_them_stray():
-    model, dt = build(8, defaults(PARAMETERS) | {"width": 12.0}, WORLD)
+    model, dt = build(8, defaults(Cylinder.parameters) | {"width": 12.0}, WORLD)
     strayed = []
     for slip in (model.bodies[0].slip, 0.0):
         ring = copy(model.bodies[0])
@@ -81,7 +80,7 @@ def test_the_answer_on_a_mesh_that_fits_is_compared_with_in_its_box_alone():
 
 
 def test_points_lie_inside_the_circle_by_the_kernels_offset():
-    parameters = defaults(PARAMETERS) | {"width": 12.0}
+    parameters = defaults(Cylinder.parameters) | {"width": 12.0}
     radii = []
     for draw_in in (0.0, 1.0):
         model, _ = build(16, parameters | {"draw_in": draw_in}, WORLD)

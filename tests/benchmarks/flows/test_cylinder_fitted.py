@@ -8,8 +8,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from valvefsi.benchmarks.flows.cylinder import Cylinder
-from valvefsi.benchmarks.flows.cylinder_fitted import CylinderFitted, flow_around, march
+from valvefsi.benchmarks.flows.cylinder import Cylinder, CylinderFitted, flow_around, march
 from valvefsi.benchmarks.frame import Job
 from valvefsi.errors import CaseError
 from valvefsi.geometry.flow_shapes import box_around_cylinder

@@ -6,12 +6,12 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi.benchmarks.immersed.compression import BlockSeries, Compression
-from valvefsi.benchmarks.immersed.numerics import Numerics
-from valvefsi.benchmarks.statics.compression import converged
+from valvefsi.benchmarks.immersed.study import Numerics
+from valvefsi.benchmarks.statics.solids import block_displacement
 from valvefsi.case.writing import to_toml
 from valvefsi.errors import CaseError
 
-REFERENCE = converged()
+REFERENCE = block_displacement()
 COARSE = {"elements": 16, "grid": 32}
 
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Job
 from valvefsi.benchmarks.immersed import cavity_solids, cook, shell, torsion
-from valvefsi.benchmarks.immersed.numerics import Numerics
+from valvefsi.benchmarks.immersed.study import Numerics
 from valvefsi.benchmarks.running import attempt
 from valvefsi.errors import CaseError
 from valvefsi.geometry.blocks import ball, ring

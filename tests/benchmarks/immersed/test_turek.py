@@ -13,8 +13,7 @@ from tests.coupled_case import moved
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Job
 from valvefsi.benchmarks.immersed import turek
-from valvefsi.benchmarks.immersed.turek import SIGNALS, TurekFsi
-from valvefsi.benchmarks.immersed.turek_model import (
+from valvefsi.benchmarks.immersed.turek import (
     CENTRE,
     CLAMP,
     CORE,
@@ -22,8 +21,10 @@ from valvefsi.benchmarks.immersed.turek_model import (
     LENGTH,
     RADIUS,
     ROOT,
+    SIGNALS,
     THICKNESS,
     TIP,
+    TurekFsi,
     build,
     channel,
     cylinder_points,

@@ -121,8 +121,10 @@ def test_both_leaflets_bend_downstream_alike_and_their_roots_stay(built, shared_
     assert last["upper_dy_cm"] == pytest.approx(-last["lower_dy_cm"], abs=1e-9)
     assert max(1.0 - last["leaflets_J_min"], last["leaflets_J_max"] - 1.0) < 0.05
     t_end = 150 * built.dt
-    assert [s.t for s in watch.sights.kept] == pytest.approx(valve_2d.snapshot_times(t_end), abs=built.dt)
-    lower, upper = watch.sights.kept[-1].outlines
+    assert [s.t for s in watch.sights.snapshots] == pytest.approx(
+        valve_2d.snapshot_times(t_end), abs=built.dt
+    )
+    lower, upper = watch.sights.snapshots[-1].outlines
     ends = [leaf.outline[[0, -1]] for leaf in (watch.lower, watch.upper)]
     for outline, root in zip((lower, upper), ends, strict=True):
         assert np.abs(outline[[0, -1]] - watch.X[root, :2]).max() < 1e-12, "the walls hold their ends"

@@ -13,13 +13,14 @@ from scipy.interpolate import CubicSpline
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Job, Report, Single
-from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import flow_of, whole_of
 from valvefsi.errors import ConvergenceError
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.grid import Array, Faces, MacGrid
 from valvefsi.post import diagnostics
+from valvefsi.post.plots.decay import centre_lines
 
 SOURCE = "Ghia et al. 1982, tables I and II"
 NOTE = "the table for Re 100 is itself off by about 0.009 in one place"
@@ -37,7 +38,7 @@ class Cavity(Single):
     """The cavity, run until the flow is steady: ``steady`` is the largest change per time that counts as none."""
 
     name = "cavity"
-    parameters = {"cfl": (0.3, "1"), "steady": (1e-5, "1"), "t_max": (1000.0, "1")}
+    parameters = quantities("cfl = 0.3, steady = 1e-5, t_max = 1000")
 
     reynolds: int = option(100, "100, 1000 or 5000.", choices=REYNOLDS)
     cells: int = option(64, "Cells along an edge.", flag="--grid", least=8)
@@ -63,8 +64,6 @@ class Cavity(Single):
         )
 
     def _draw(self, out: Path, curves: dict[str, Any]) -> None:
-        from valvefsi.post.plots.decay import centre_lines
-
         name = f"Cavity at Re {self.reynolds}, {self.cells} x {self.cells} cells"
         points = {c: tuple(zip(*published(self.reynolds, c), strict=True)) for c in "uv"}
         centre_lines(out / "profiles.png", curves, points, title=name)

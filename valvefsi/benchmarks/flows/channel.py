@@ -18,11 +18,12 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
-from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import order_row, row
 from valvefsi.fluid.boundary import Boundary, Open
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import Array, MacGrid
+from valvefsi.post.plots.decay import profiles
 
 KINDS = ("poiseuille", "womersley")
 
@@ -45,7 +46,7 @@ class Channel(Benchmark[int, None]):
     """Both flows on grids of N, 2 N, ... cells across."""
 
     name = "channel"
-    parameters = {"womersley": (6.0, "1"), "viscosity": (0.1, "1"), "length": (2.0, "1")}
+    parameters = quantities("womersley = 6, viscosity = 0.1, length = 2")
 
     cells: int = option(16, "Cells across on the coarsest grid.", flag="--grid", least=4)
     refine: int = option(2, "Number of finer grids.", least=0)
@@ -60,11 +61,11 @@ class Channel(Benchmark[int, None]):
     def report(self, records: Sequence[Record], reference: None) -> Report:
         errors = {kind: [record["errors"][kind] for record in records] for kind in KINDS}
         table = []
-        for kind, kept in errors.items():
+        for kind, each in errors.items():
             name = f"{kind}, {{}} across: largest error / largest speed"
-            table += [row(name.format(r["cells"]), e) for r, e in zip(records, kept, strict=True)]
+            table += [row(name.format(r["cells"]), e) for r, e in zip(records, each, strict=True)]
             table += order_row(
-                f"{kind}: observed order", kept, exact=0.0, expected=2.0, source="order of the scheme"
+                f"{kind}: observed order", each, exact=0.0, expected=2.0, source="order of the scheme"
             )
         return Report(
             parameters=self.values | {"cells": self.runs()},
@@ -74,8 +75,6 @@ class Channel(Benchmark[int, None]):
         )
 
     def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
-        from valvefsi.post.plots.decay import profiles
-
         curves = {kind: list(flow.values()) for kind, flow in records[-1]["_curves"].items()}
         title = f"Flow in a channel, {records[-1]['cells']} cells across"
         profiles(out / "profiles.png", curves, title=title)

@@ -39,7 +39,7 @@ DEGREE = 6
 
 
 class FittedFlow:
-    """Flow on a mesh of triangles, from what is given at its sides.
+    """Flow on a mesh of triangles, from what is given at its sides (collective).
 
     Args:
         mesh: DOLFINx mesh of triangles in the plane [cm].
@@ -51,9 +51,6 @@ class FittedFlow:
     Attributes:
         t: Time [s].
         velocity: Velocity [cm/s], a function of the mixed space whose first part it is.
-
-    Note:
-        Collective.
     """
 
     def __init__(
@@ -160,13 +157,10 @@ class FittedFlow:
             function.sub(0).interpolate(value)
 
     def step(self) -> dict[str, Array]:
-        """Advance by a step and return the force on every side, ``(2,)`` [dyn per cm].
+        """Advance by a step and return the force on every side, ``(2,)`` [dyn per cm] (collective).
 
         Raises:
             StabilityError: The velocity is not finite; the step was too long.
-
-        Note:
-            Collective.
         """
         right, old, x, residual = self.right, self.old, self.x, self.residual
         with right.localForm() as local:
@@ -190,7 +184,7 @@ class FittedFlow:
         return dict(zip(self.nodes, forces, strict=True))
 
     def destroy(self) -> None:
-        """Give PETSc's objects back, which nothing else does on several ranks (collective)."""
+        """Free PETSc's objects, which nothing else does on several ranks (collective)."""
         factorised, _ = self.solver.getOperators()
         vectors = (self.values, self.lifted, self.old, self.x, self.residual, self.right)
         for thing in (self.solver, factorised, self.matrix, *vectors):

@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Job, Report, Single
-from valvefsi.benchmarks.options import Parameters, Values, require
+from valvefsi.benchmarks.options import Values, quantities, require
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import Columns, completed, fixed_steps, springs
 from valvefsi.bodies.patches import PatchedSurface
@@ -27,25 +27,22 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.geometry.aortic_section import AorticSection, closing_plate, joined
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.decay import leak
 from valvefsi.run.simulation import Simulation
 from valvefsi.types import Array
 from valvefsi.units import MMHG
 
-PARAMETERS: Parameters = {
-    "h": (0.1, "cm"),
-    "pressure": (100.0 * MMHG, "dyn/cm^2"),
-    "viscosity": (0.035, "dyn*s/cm^2"),
-    "sinuses": ("yes", ("yes", "no")),
-    "dt": (5e-5, "s"),
-    "t_end": (0.3, "s"),
-    "hold": (0.25, "1"),
-}
+PARAMETERS = quantities(
+    "h = 0.1 cm, viscosity = 0.035 dyn*s/cm^2, dt = 5e-5 s, t_end = 0.3 s, hold = 0.25",
+    pressure=(100.0 * MMHG, "dyn/cm^2"),
+    sinuses=("yes", ("yes", "no")),
+)
 BELOW, ABOVE = 0.8, 0.8
 """Length of the tracts before and behind the sinuses [cm]."""
 LATE = 0.25
 """Part of the run over which the leak is averaged."""
 KERNEL = "composite_bspline32"
-ASKED = 0.1
+TIGHT = 0.1
 """What a section that is called tight may leak at 100 mmHg and h = 1 mm [cm^3/s]."""
 
 
@@ -72,15 +69,15 @@ class Leakage(Single):
         t, flow = h["t_s"][1:], h["leak_ml_s"][1:]
         late = flow[-max(1, round(LATE * len(flow))) :]
         leak = abs(float(late.mean()))
-        asked: tuple[str | None, str] = (None, "")
+        target: tuple[str | None, str] = (None, "")
         if self.published("h", "pressure"):
-            asked = (f"below {ASKED}", "what is asked at 100 mmHg and h = 1 mm")
+            target = (f"below {TIGHT}", "what is asked at 100 mmHg and h = 1 mm")
         return Report(
             parameters=self.values,
             quantities={"leak_ml_s": leak},
             more={"size": {"cells": list(model.grid.cells), "points": model.bodies[0].num_points}},
             table=[
-                row("leak, mean of the last quarter", leak, *asked, unit="ml/s"),
+                row("leak, mean of the last quarter", leak, *target, unit="ml/s"),
                 row("swing about it", float(0.5 * np.ptp(late)), unit="ml/s"),
                 row("largest flow while the springs yield", float(np.abs(flow).max()), unit="ml/s"),
             ],
@@ -89,8 +86,6 @@ class Leakage(Single):
         )
 
     def _draw(self, out: Path, t: Array, flow: Array) -> None:
-        from valvefsi.post.plots.decay import leak
-
         v = self.values
         what = "with sinuses" if v["sinuses"] == "yes" else "without sinuses"
         case = f"h = {10 * v['h']:.3g} mm, {v['pressure'] / MMHG:.4g} mmHg"
@@ -131,6 +126,6 @@ def build(parameters: Values, comm: MPI.Comm) -> fsi.Model:
     labels = patch_labels((tube, disk), h, reach)
     labels[len(tube.points) :] = SINGLE  # the plate stands for leaflets, which are held node by node
     tube = tube.moved(h * surface_offset(KERNEL, tube.normals, (0.0, 0.0, 1.0)))
-    held = springs(KERNEL, h, dt, hold)
-    rigid = PatchedSurface(joined(tube, disk), labels, Coupling(grid, KERNEL), name="section", **held)
+    spring = springs(KERNEL, h, dt, hold)
+    rigid = PatchedSurface(joined(tube, disk), labels, Coupling(grid, KERNEL), name="section", **spring)
     return fsi.Model(grid=grid, fluid=fluid, bodies=(rigid,))

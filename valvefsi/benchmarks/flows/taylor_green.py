@@ -18,7 +18,7 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Job, Report, Single
-from valvefsi.benchmarks.options import Parameters, Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import flow_of
 from valvefsi.errors import StabilityError
@@ -27,14 +27,13 @@ from valvefsi.fluid.boundary import SIDES, Boundary, FreeSlip
 from valvefsi.grid import Array, MacGrid
 from valvefsi.io.folder import replacing
 from valvefsi.post import diagnostics
+from valvefsi.post.plots.decay import decay
 from valvefsi.verification.norms import normalised_difference
 
-PARAMETERS: Parameters = {
-    "reynolds": (1600.0, "1"),
-    "t_end": (12.0, "1"),
-    "cfl": (0.2, "1"),
-    "advection": ("xsppm7", tuple(SCHEMES)),
-}
+PARAMETERS = quantities(
+    "reynolds = 1600, t_end = 12, cfl = 0.2",
+    advection=("xsppm7", tuple(SCHEMES)),
+)
 TABLE = "taylor_green_re1600"
 SOURCE = "direct simulation 512^3 (Dairay et al. 2017)"
 T_PEAK_PASSED = 10.0
@@ -49,11 +48,6 @@ class Curves:
     energy: Array
     loss: Array
     resolved: Array
-
-    @classmethod
-    def of(cls, t: Array, energy: Array, resolved: Array) -> Curves:
-        """Return the curves with the loss from the energy."""
-        return cls(t=t, energy=energy, loss=-np.gradient(energy, t), resolved=resolved)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,8 +90,6 @@ class TaylorGreen(Single):
         )
 
     def _draw(self, out: Path, c: Curves) -> None:
-        from valvefsi.post.plots.decay import decay
-
         curves = (c.t, c.energy, c.loss, c.resolved)
         header = "t,energy,loss,resolved"
         with replacing(out / "decay.csv") as path:
@@ -147,16 +139,13 @@ def compare(curves: Curves) -> dict[str, Any]:
 
 
 def march(cells: int, parameters: Values, job: Job) -> tuple[Curves, int]:
-    """Run the vortex.
+    """Run the vortex (collective).
 
     Returns:
         Mean kinetic energy per mass, its loss, mean dissipation per mass that the grid resolves; number of steps.
 
     Raises:
         StabilityError: A velocity is not finite.
-
-    Note:
-        Collective.
     """
     grid = MacGrid([0.0] * 3, [np.pi] * 3, [cells] * 3, [False] * 3, job.comm)
     nu, t_end = 1.0 / parameters["reynolds"], parameters["t_end"]
@@ -175,7 +164,8 @@ def march(cells: int, parameters: Values, job: Job) -> tuple[Curves, int]:
             energy, resolved = diagnostics.kinetic_energy(grid, u, 1.0), diagnostics.dissipation(grid, u, nu)
             rows.append((t, energy / volume, resolved / volume))
         if t >= t_end:
-            return Curves.of(*np.array(rows).T), k
+            times, energies, rates = np.array(rows).T
+            return Curves(t=times, energy=energies, loss=-np.gradient(energies, times), resolved=rates), k
         dt = min(parameters["cfl"] / rate, 1.05 * state.dt if state else np.inf)
         state = fsi.step(model, state or fsi.initial_state(model, dt, u), dt)
         u, t = state.u, state.t

@@ -13,9 +13,9 @@ which has settled to 1 % after some R^2 / (5.78 nu) times five. The points lie o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -23,7 +23,7 @@ from scipy.special import jn_zeros
 
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Job, Report, Single
-from valvefsi.benchmarks.options import Parameters, Values, option, read_quantities, require
+from valvefsi.benchmarks.options import Values, option, quantities, read_quantities, require
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import Columns, completed, fixed_steps, springs
 from valvefsi.bodies.patches import PatchedSurface
@@ -36,18 +36,14 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.geometry.aortic_section import SPACING, PointSurface
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.tube import start_up_flow
 from valvefsi.types import Array, Faces
 
-PARAMETERS: Parameters = {
-    "radius": (1.25, "cm"),
-    "relaxation": (0.1, "s"),
-    "t_end": (6.0, "s"),
-    "step": (0.8, "1"),
-    "hold": (0.25, "1"),
-    "shift": (0.1, "1"),
-    "wall": ("patches", ("patches", "points")),
-    "kernel": ("composite_bspline32", tuple(name for name, kind in KERNELS.items() if kind[0] == BSPLINE)),
-}
+PARAMETERS = quantities(
+    "radius = 1.25 cm, relaxation = 0.1 s, t_end = 6 s, step = 0.8, hold = 0.25, shift = 0.1",
+    wall=("patches", ("patches", "points")),
+    kernel=("composite_bspline32", tuple(name for name, kind in KERNELS.items() if kind[0] == BSPLINE)),
+)
 DIRECTIONS = {0: (0, 1), 20: (4, 11), 45: (1, 1)}
 """Cells along x and z after which the axis comes back to the same place, by angle to z in degrees (20: 19.98)."""
 MARGIN = 5.0
@@ -137,19 +133,12 @@ class DrivenFluid(ExplicitViscosity):
     drive: Faces = ()
 
     def step(
-        self,
-        u: Faces,
-        p: Array,
-        advection: tuple[Faces, Faces, float],
-        f: Faces,
-        t: float,
-        dt: float,
-        pressures: Mapping[str, float] | None = None,
+        self, u: Faces, p: Array, advection: Any, f: Faces, *rest: Any, **more: Any
     ) -> tuple[Faces, Array]:
         """Advance by one step, see `NavierStokes.step`."""
         for force, constant in zip(f, self.drive, strict=True):
             force += constant
-        return super().step(u, p, advection, f, t, dt, pressures)
+        return super().step(u, p, advection, f, *rest, **more)
 
 
 def build(angle: int, h: float, values: Values, comm: MPI.Comm) -> tuple[fsi.Model, Faces, float]:
@@ -172,8 +161,8 @@ def build(angle: int, h: float, values: Values, comm: MPI.Comm) -> tuple[fsi.Mod
         patch_labels([surface], h) if values["wall"] == "patches" else np.full(len(surface.points), SINGLE)
     )
     surface = surface.moved(h * surface_offset(kernel, surface.normals, tuple(axis.frame[0])))
-    held = springs(kernel, h, dt, values["hold"])
-    wall = PatchedSurface(surface, labels, Coupling(grid, kernel), name="tube", **held)
+    hold = springs(kernel, h, dt, values["hold"])
+    wall = PatchedSurface(surface, labels, Coupling(grid, kernel), name="tube", **hold)
     return fsi.Model(grid=grid, fluid=fluid, bodies=(wall,)), weights, dt
 
 
@@ -202,7 +191,6 @@ class Tube(Single):
     angle: int = option(0, "Angle of the tube to the grid [degrees].", choices=tuple(DIRECTIONS))
 
     def check(self, values: Values) -> None:
-        """Refuse parts of a limit above it, and what is no spacing."""
         if not self.spacing > 0.0:
             raise CaseError("expected a positive length", key="--grid", value=self.grid)
         for key in ("step", "hold"):
@@ -219,7 +207,6 @@ class Tube(Single):
         return 2.0 * self.values["radius"] / self.spacing
 
     def measured(self, job: Job) -> Report:
-        """Run the tube: the error at the end, the largest one and its drift over the second half."""
         values, unit = self.values, "% of the final flow"
         model, weights, dt = build(self.angle, self.spacing, values, job.comm)
         steps = max(4, math.ceil(values["t_end"] / dt))
@@ -256,8 +243,6 @@ class Tube(Single):
 
     def _draw(self, out: Path, t: Array, flow: Array, error: Array) -> None:
         """Draw the flow over the series, and how far it is off."""
-        from valvefsi.post.plots.tube import start_up_flow
-
         exact = start_up(t, self.values["relaxation"])
         title = f"Tube of held points, {self.across:.3g} cells across, {self.angle} degrees to the grid"
         start_up_flow(out / "flow.png", (t[1:], flow[1:], exact[1:], error[1:]), title=title)

@@ -17,7 +17,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -25,8 +25,8 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
-from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, couple
-from valvefsi.benchmarks.options import option
+from valvefsi.benchmarks.immersed.study import COUPLINGS, Numerics, couple
+from valvefsi.benchmarks.options import option, quantities
 from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.benchmarks.running import flow_of, time_of_pair
 from valvefsi.bodies.elastic import Elastic
@@ -35,21 +35,15 @@ from valvefsi.coupling.kernels import KERNELS
 from valvefsi.fluid.boundary import Boundary, Wall
 from valvefsi.geometry.blocks import ball
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.immersed import Line, Panel, panels
 from valvefsi.run.simulation import timed
 from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
 
-if TYPE_CHECKING:
-    from valvefsi.post.plots.immersed import Line
-
-PARAMETERS = {
-    "c1": (0.05, "dyn/cm^2"),
-    "p0": (0.05, "dyn/cm^2"),
-    "rho": (1.0, "g/cm^3"),
-    "mu": (0.01, "dyn*s/cm^2"),
-    "lid": (1.0, "cm/s"),
-    "dt_per_h": (1.0 / 32.0, "s/cm"),
-}
+PARAMETERS = quantities("""
+    c1 = 0.05 dyn/cm^2, p0 = 0.05 dyn/cm^2, rho = 1 g/cm^3, mu = 0.01 dyn*s/cm^2, lid = 1 cm/s,
+    dt_per_h = 1/32 s/cm
+""")
 RADIUS, CENTRE = 0.2, (0.6, 0.5, 0.5)
 PAIR_LIMIT, CHANGE_LIMIT = 25.0, 1e-6
 PAIRS = 60
@@ -182,14 +176,14 @@ class SoftBody(Benchmark[int, None]):
 
     def _lines(self, r: Record) -> list[Row]:
         change, pairs = self.elsewhere("change"), self.elsewhere("pairs")
-        kept = "" if change is None else f"IBAMR 0.19: {change:.1e}; wanted <= {CHANGE_LIMIT:g}"
+        note = "" if change is None else f"IBAMR 0.19: {change:.1e}; wanted <= {CHANGE_LIMIT:g}"
         took = "" if pairs is None else f"IBAMR 0.19, one rank: {pairs:.0f}; wanted <= {PAIR_LIMIT:g}"
         parts = ", ".join(f"{k} {v:.1f}" for k, v in r["phases_pairs"].items())
         gap, end = r["largest_gap_per_h"], {key: column[-1] for key, column in r["history"].items()}
         leaks = f"above {LONGEST_GAP:g} fluid leaks" if gap > LONGEST_GAP else ""
         name = f"relative {self.measure} change, N = {r['cells']}, {r['nodes']} nodes, {r['steps']} steps"
         return [
-            row(name, r["volume_change"], 0.0, kept, relative=False),
+            row(name, r["volume_change"], 0.0, note, relative=False),
             row(f"  time of a step, {r['ranks']} rank(s)", r["pairs"], source=took, unit="pairs"),
             row("  step", 1e3 * r["step_s"], source=parts, unit="ms"),
             row("  largest distance of neighbouring points", gap, source=leaks, unit="h"),
@@ -197,8 +191,6 @@ class SoftBody(Benchmark[int, None]):
         ]
 
     def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
-        from valvefsi.post.plots.immersed import Line, Panel, panels
-
         def lines(x: str, y: str) -> list[Line]:
             return [
                 Line(label=f"N = {r['cells']}", x=r["history"][x], y=r["history"][y], colour=k)

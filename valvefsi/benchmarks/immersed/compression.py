@@ -16,12 +16,11 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Job, Report, Result, Session, Single
-from valvefsi.benchmarks.immersed.numerics import Numerics
-from valvefsi.benchmarks.immersed.study import GridStudy
-from valvefsi.benchmarks.options import Parameters, Values, option, read_parameters, read_quantities
+from valvefsi.benchmarks.immersed.study import GridStudy, Numerics
+from valvefsi.benchmarks.options import Values, option, quantities, read_parameters, read_quantities
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import AVERAGED, History, late, late_mean
-from valvefsi.benchmarks.statics.compression import converged
+from valvefsi.benchmarks.statics.solids import block_displacement
 from valvefsi.case import Case, parse_case
 from valvefsi.case.build import build, write_case
 from valvefsi.case.overrides import split_override
@@ -42,17 +41,11 @@ GRID, BOX, LENGTH = 16, 40.0, 20.0
 TOP = (20.0, 25.0)
 """Centre of the top [cm]."""
 KEY = "u_y_top_centre_cm"
-PARAMETERS: Parameters = {
-    "traction": (200.0, "dyn/cm^2"),
-    "c1": (80.194, "dyn/cm^2"),
-    "rho": (1.0, "g/cm^3"),
-    "mu": (0.01, "dyn*s/cm^2"),
-    "damping": (0.05 * 80.194, "dyn*s/cm^4"),
-    "t_end": (60.0, "s"),
-    "dt_per_h": (0.005, "s/cm"),
-    "tether_stiffness": (1.0e5, "dyn/cm^3"),
-    "tether_damping": (0.0, "dyn*s/cm^3"),
-}
+PARAMETERS = quantities(
+    """traction = 200 dyn/cm^2, c1 = 80.194 dyn/cm^2, rho = 1 g/cm^3, mu = 0.01 dyn*s/cm^2, t_end = 60 s,
+    dt_per_h = 0.005 s/cm, tether_stiffness = 1e5 dyn/cm^3, tether_damping = 0 dyn*s/cm^3""",
+    damping=(0.05 * 80.194, "dyn*s/cm^4"),
+)
 """Default and unit of the parameters that ``--set NAME=value`` reaches; dotted keys reach the whole case."""
 
 
@@ -90,17 +83,17 @@ class Compression(Single):
         return replace(self, replaces=True)
 
     @property
-    def chosen(self) -> dict[str, Any]:
+    def discretisation(self) -> dict[str, Any]:
         """Elements, cells, kernel and stabilisation of the block on one grid."""
-        held = "off" if self.nu_stab is None else self.nu_stab
+        nu = "off" if self.nu_stab is None else self.nu_stab
         size = {"elements": self.elements or 32, "grid": self.grid or 64}
-        return {**size, "kernel": self.kernel, "nu_stab": held}
+        return {**size, "kernel": self.kernel, "nu_stab": nu}
 
     @property
     def folder(self) -> str:
         if self.refine:
             return "compression-series"
-        return "compression-M{elements}-N{grid}-{kernel}-{nu_stab}".format(**self.chosen)
+        return "compression-M{elements}-N{grid}-{kernel}-{nu_stab}".format(**self.discretisation)
 
     def series(self) -> BlockSeries:
         """Return the series of grids.
@@ -132,7 +125,9 @@ class Compression(Single):
         values = read_quantities(PARAMETERS, [text for text, key in keys.items() if "." not in key])
         if "c1" in keys.values() and "damping" not in keys.values():
             values["damping"] = 0.05 * values["c1"]
-        return parse_case(_raw_case(self.chosen, values), [text for text, key in keys.items() if "." in key])
+        return parse_case(
+            _raw_case(self.discretisation, values), [text for text, key in keys.items() if "." in key]
+        )
 
     def plan(self, out: Path, comm: MPI.Comm) -> Result:
         """Return size, step limits and expected time of the run (collective)."""
@@ -153,31 +148,28 @@ class Compression(Single):
             exact = static_reference(simulation, case)
             outcome = simulation.run(resume=job.resume, progress=job.progress)
         lines = {KEY: ("statics", exact), "block_area_change_percent": ("incompressible", 0.0)}
-        title = "Compressed block, {elements} elements, {grid}$^2$ cells, {kernel}".format(**self.chosen)
+        title = "Compressed block, {elements} elements, {grid}$^2$ cells, {kernel}".format(
+            **self.discretisation
+        )
         simulation.pictures(outcome.state, title=title, references=lines)
         q = job.comm.bcast(_quantities(job.folder, case) if job.comm.rank == 0 else None)
-        parameters, name, u_y, area = (
-            case_parameters(case),
-            "u_y of the top centre",
-            q[KEY],
-            q["area_change_percent"],
-        )
-        table = [row(name, u_y, exact, "mixed u-p statics, same mesh, this run", unit="cm")]
+        parameters, u_y = case_parameters(case), q[KEY]
+        source = "mixed u-p statics, same mesh, this run"
+        table = [row("u_y of the top centre", u_y, exact, source, unit="cm")]
         if all(parameters[key] == PARAMETERS[key][0] for key in ("traction", "c1")):
-            table.append(row("", u_y, converged(), "mixed elements, converged", unit="cm"))
+            table.append(row("", u_y, block_displacement(), "mixed elements, converged", unit="cm"))
         table += [
-            row("area change", area, 0.0, "incompressible", unit="%", relative=False),
+            row("area change", q["area_change_percent"], 0.0, "incompressible", unit="%", relative=False),
             row("smallest J", q["J_min"], source="1 when incompressible"),
             row("largest J", q["J_max"], source="1 when incompressible"),
         ]
-        timing = outcome.timing(simulation.model.grid)
         return Report(
-            parameters=self.chosen | parameters,
+            parameters=self.discretisation | parameters,
             quantities=q,
             reference={KEY: exact},
             more={"relative_error": (u_y - exact) / abs(exact)},
             table=table,
-            timing=timing,
+            timing=outcome.timing(simulation.model.grid),
         )
 
 
@@ -204,11 +196,9 @@ class BlockSeries(GridStudy):
         self.case_of(self.runs()[0])
 
     def elements(self, numerics: Numerics) -> int:
-        """Return the elements along the block's 20 cm."""
         return round(LENGTH * numerics.grid / (numerics.ratio * BOX))
 
     def settings(self, numerics: Numerics) -> Values:
-        """Return what is set of the case of one run, by key."""
         return self.values
 
     def case_of(self, numerics: Numerics) -> Case:
@@ -241,11 +231,13 @@ class BlockSeries(GridStudy):
         return static_reference(build(case, Path(), comm), case)
 
     def elsewhere(self) -> list[tuple[float | str, str]]:
-        return [(converged(), "mixed elements, converged")] if self.published("traction", "c1") else []
+        return (
+            [(block_displacement(), "mixed elements, converged")] if self.published("traction", "c1") else []
+        )
 
 
-def _raw_case(chosen: Mapping[str, Any], v: Values) -> dict[str, Any]:
-    grid, elements = chosen["grid"], chosen["elements"]
+def _raw_case(size: Mapping[str, Any], v: Values) -> dict[str, Any]:
+    grid, elements = size["grid"], size["elements"]
     steps = round(v["t_end"] * grid / (v["dt_per_h"] * BOX)) if v["dt_per_h"] > 0 else 0
     tether = {"stiffness": v["tether_stiffness"], "damping": v["tether_damping"]}
     ramp = {"ramp": RAMP * v["t_end"], "ramp_shape": "smooth"}
@@ -253,9 +245,9 @@ def _raw_case(chosen: Mapping[str, Any], v: Values) -> dict[str, Any]:
     block = {
         "name": "block",
         "mesh": {"shape": "compressed_block", **mesh, "load_width": 10.0},
-        "kernel": chosen["kernel"],
+        "kernel": size["kernel"],
         "damping": v["damping"],
-        "nu_stab": chosen["nu_stab"],
+        "nu_stab": size["nu_stab"],
         "material": {"model": "neo_hookean", "c1": v["c1"]},
         "tether": [
             {"on": ["bottom"], "components": ["y"], **tether},

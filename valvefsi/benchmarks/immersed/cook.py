@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
-from valvefsi.benchmarks.immersed.numerics import Numerics
-from valvefsi.benchmarks.immersed.study import SolidStudy
-from valvefsi.benchmarks.options import Parameters, option, texts
-from valvefsi.benchmarks.statics.cook import StaticCook, band
+from valvefsi.benchmarks.immersed.study import Numerics, SolidStudy
+from valvefsi.benchmarks.options import option, quantities, texts
+from valvefsi.benchmarks.statics.solids import StaticCook, cook_band
 from valvefsi.benchmarks.statics.study import Mesh
 from valvefsi.geometry.benchmark_shapes import COOK, cook_membrane
 from valvefsi.grid import MacGrid
@@ -27,16 +26,10 @@ from valvefsi.solid.loads import DeadLoad, Ramp, Tether
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Structure
 
-PARAMETERS: Parameters = {
-    "traction": (6.25, "dyn/cm^2"),
-    "c1": (250.0 / 3.0, "dyn/cm^2"),
-    "rho": (1.0, "g/cm^3"),
-    "mu": (0.16, "dyn*s/cm^2"),
-    "damping": (5.0, "dyn*s/cm^4"),
-    "t_end": (20.0, "s"),
-    "dt_per_h": (0.008, "s/cm"),
-    "tether_stiffness": (1.0e5, "dyn/cm^3"),
-}
+PARAMETERS = quantities("""
+    traction = 6.25 dyn/cm^2, c1 = 250/3 dyn/cm^2, rho = 1 g/cm^3, mu = 0.16 dyn*s/cm^2,
+    damping = 5 dyn*s/cm^4, t_end = 20 s, dt_per_h = 0.008 s/cm, tether_stiffness = 1e5 dyn/cm^3
+""")
 BOX, SHIFT, RAMP = 10.0, (-2.6, -2.0), 0.4
 """Edge of the box and its lower corner [cm]; part of the run over which the load grows."""
 FINE = 32
@@ -83,6 +76,6 @@ class Cook(SolidStudy):
         return answer.values["u_y_corner_cm"], f"mixed u-p statics, {FINE} x {FINE}, this run"
 
     def elsewhere(self) -> list[tuple[float | str, str]]:
-        low, high = band()
+        low, high = cook_band()
         source = "immersed, over kernels; second-hand"
         return [(f"{low} ... {high}", source)] if self.published("traction", "c1") else []

@@ -34,10 +34,11 @@ from valvefsi.benchmarks.immersed.plate_model import (
     place_of,
 )
 from valvefsi.benchmarks.immersed.plate_theory import ImmersedPlate, immersed_wave, kernel_wave
-from valvefsi.benchmarks.options import Parameters, Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import History, completed
+from valvefsi.benchmarks.running import Columns, History, completed
 from valvefsi.coupling.kernels import BSPLINE, KERNELS
+from valvefsi.post.plots.plate import thin_plate
 from valvefsi.run.recording import Output
 from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Simulation
@@ -46,16 +47,10 @@ from valvefsi.solid.loads import Ramp
 from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
 
-PARAMETERS: Parameters = {
-    "h": (0.1, "cm"),
-    "modulus": (1e6, "dyn/cm^2"),
-    "rho": (1.0, "g/cm^3"),
-    "stokes": (0.25, "1"),
-    "shift": (0.1, "1"),
-    "step": (0.7, "1"),
-    "periods": (2.0, "1"),
-    "deflection": (0.02, "1"),
-}
+PARAMETERS = quantities("""
+    h = 0.1 cm, modulus = 1e6 dyn/cm^2, rho = 1 g/cm^3, stokes = 0.25, shift = 0.1, step = 0.7,
+    periods = 2, deflection = 0.02
+""")
 KINDS = ("static", "wave")
 CLAMPED = 22.3733
 """omega L^2 sqrt(m / D) of the first mode of a span with clamped ends (Timoshenko and Gere 1972)."""
@@ -81,19 +76,13 @@ class Case:
         return f"{self.kind}, {self.thickness:g} h"
 
 
-@dataclass(frozen=True)
-class Amplitude:
-    """Follows a weighted mean of the displacement along the plate's normal."""
+def amplitude(solid: Structure, weights: Array, normal: Array) -> Columns:
+    """Return what follows a weighted mean of the displacement along the plate's normal [cm]."""
 
-    solid: Structure
-    weights: Array
-    normal: Array
-    columns = ("amplitude_cm",)
+    def mean(state: fsi.State) -> list[float]:
+        return [solid.comm.allreduce(weights @ ((state.bodies[0]["chi"] - solid.X) @ normal))]
 
-    def row(self, state: fsi.State) -> dict[str, float]:
-        """Return the mean [cm] (collective)."""
-        moved = (state.bodies[0]["chi"] - self.solid.X) @ self.normal
-        return {"amplitude_cm": float(self.solid.comm.allreduce(self.weights @ moved))}
+    return Columns(("amplitude_cm",), mean)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,13 +110,11 @@ class Plate(Benchmark[Case, None]):
         return [Case(kind=kind, thickness=t) for kind in self.kinds for t in every]
 
     def place(self, run: Case, out: Path) -> Path:
-        """Return a folder for each run."""
         return out / f"{run.kind}-{run.thickness:g}"
 
     def values_of(self, run: Case) -> Values:
-        """Return the parameters and options that a run depends on."""
-        chosen = (self.length, self.element, self.kernel, self.ratio, self.layers, self.angle)
-        return {**self.values, "chosen": repr(chosen)}
+        options = (self.length, self.element, self.kernel, self.ratio, self.layers, self.angle)
+        return {**self.values, "chosen": repr(options)}
 
     @property
     def discrete(self) -> Discrete:
@@ -161,9 +148,8 @@ class Plate(Benchmark[Case, None]):
         return replace(plate, mu=0.5 * v["rho"] * plate.potential_frequency() * layer**2)
 
     def one(self, run: Case, job: Job) -> Record:
-        """Run one plate."""
-        found = (self._static if run.kind == "static" else self._wave)(run, job)
-        return {"kind": run.kind, "thickness": run.thickness, **found}
+        measure = (self._static if run.kind == "static" else self._wave)(run, job)
+        return {"kind": run.kind, "thickness": run.thickness, **measure}
 
     def _static(self, run: Case, job: Job) -> Record:
         """Return how far a plate yields, over what incompressible elements and its own say."""
@@ -181,7 +167,7 @@ class Plate(Benchmark[Case, None]):
         middle = _mean_where(solid, along < 1e-6 * plate.length)
         ends = _mean_where(solid, along > (0.5 - 1e-6) * plate.length)
         schedule = self._schedule(model, plate, 2.0 * math.pi / omega)
-        output = self._output(run, job, schedule, Amplitude(solid, middle - ends, where.normal))
+        output = self._output(run, job, schedule, amplitude(solid, middle - ends, where.normal))
         h = completed(Simulation(model, schedule, output), job)
         t, w = h["t_s"], h["amplitude_cm"]
         exact = incompressible_deflection(plate, load, job.comm)
@@ -200,17 +186,17 @@ class Plate(Benchmark[Case, None]):
         exact = immersed_wave(plate)
         model, solid = model_of(plate, self.where(run), discrete, job.comm)
         schedule = self._schedule(model, plate, 2.0 * math.pi / exact.imag)
-        initial, amplitude = self._released(run, model, solid, schedule.dt)
-        output = self._output(run, job, schedule, amplitude)
-        found = decay(completed(Simulation(model, schedule, output, initial), job), exact)
-        ratio = found.s.imag / exact.imag
+        initial, follower = self._released(run, model, solid, schedule.dt)
+        output = self._output(run, job, schedule, follower)
+        fit = decay(completed(Simulation(model, schedule, output, initial), job), exact)
+        ratio = fit.s.imag / exact.imag
         record = {
             "frequency_ratio": ratio,
-            "damping": -found.s.real / found.s.imag,
+            "damping": -fit.s.real / fit.s.imag,
             "exact_damping": -exact.real / exact.imag,
             "potential_ratio": exact.imag / plate.potential_frequency(),
-            "rest": found.rest,
-            "misfit": found.misfit,
+            "rest": fit.rest,
+            "misfit": fit.misfit,
             "dragged": (plate.thickness + 2.0 / plate.wave_number) * (ratio**-2 - 1.0) / discrete.h,
             "steps": schedule.num_steps,
         }
@@ -222,17 +208,17 @@ class Plate(Benchmark[Case, None]):
 
     def _released(
         self, run: Case, model: fsi.Model, solid: Structure, dt: float
-    ) -> tuple[fsi.State, Amplitude]:
+    ) -> tuple[fsi.State, Columns]:
         """Return a plate at rest, bent to a wave without shear, and what follows the wave (collective)."""
         plate, where, h = self.theory(run), self.where(run), self.values["h"]
         k, X = plate.wave_number, solid.X - self.discrete.middle(where)
         shape = np.cos(k * X[:, 0])
-        moved = np.stack([k * np.sin(k * X[:, 0]) * X[:, 2], 0.0 * shape, shape], axis=1)
-        chi = solid.X + self.values["deflection"] * h * moved
+        bend = np.stack([k * np.sin(k * X[:, 0]) * X[:, 2], 0.0 * shape, shape], axis=1)
+        chi = solid.X + self.values["deflection"] * h * bend
         weights = solid.weights * shape
         weights /= solid.comm.allreduce(weights @ shape)
         state = replace(fsi.initial_state(model, dt), bodies=({"chi": chi},))
-        return state, Amplitude(solid, weights, where.normal)
+        return state, amplitude(solid, weights, where.normal)
 
     def _schedule(self, model: fsi.Model, plate: ImmersedPlate, period: float) -> Schedule:
         """Return some periods of steps that are a part of the largest stable one (collective)."""
@@ -242,16 +228,15 @@ class Plate(Benchmark[Case, None]):
         t_end = v["periods"] * period
         return Schedule(dt=t_end / steps, t_end=t_end, cfl_max=np.inf)
 
-    def _output(self, run: Case, job: Job, schedule: Schedule, amplitude: Amplitude) -> Output:
+    def _output(self, run: Case, job: Job, schedule: Schedule, follower: Columns) -> Output:
         return Output(
             directory=job.folder,
             history_every=max(1, schedule.num_steps // 500),
-            observers=(amplitude,),
+            observers=(follower,),
             provenance=self.values_of(run),
         )
 
-    def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return the ratios by thickness."""
+    def report(self, records: Sequence[Record], reference: None) -> Report:
         options = ("length", "element", "kernel", "ratio", "layers", "angle")
         table = [line for record in records for line in _lines(record)]
         return Report(
@@ -266,10 +251,7 @@ class Plate(Benchmark[Case, None]):
             table=table,
         )
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw deflections over time, and deflection, frequency and damping over the thickness."""
-        from valvefsi.post.plots.plate import thin_plate
-
+    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
         title = f"Plate held across {self.length} spacings, and its waves"
         thin_plate(
             out / "plate.png",
@@ -281,8 +263,8 @@ class Plate(Benchmark[Case, None]):
 
 def _mean_where(solid: Structure, where: NDArray[np.bool_]) -> Array:
     """Return the weights of the mean over some nodes (collective)."""
-    chosen = solid.weights * where
-    return chosen / solid.comm.allreduce(chosen.sum())
+    part = solid.weights * where
+    return part / solid.comm.allreduce(part.sum())
 
 
 def _lines(r: Record) -> list[Row]:
@@ -294,9 +276,9 @@ def _lines(r: Record) -> list[Row]:
             row(f"deflection, thickness {t}", r["over_incompressible"], 1.0, "incompressible elements"),
             row("  over its own elements without a fluid", r["over_own"], 1.0, moving),
         ]
-    known = r.get("kernel_ratio")
-    source = f"exact wave; the kernel's theory: {known:.3f}" if known else "exact wave"
-    damping = f"; the kernel's theory: {r['kernel_damping']:.4f}" if known else ""
+    theory = r.get("kernel_ratio")
+    source = f"exact wave; the kernel's theory: {theory:.3f}" if theory else "exact wave"
+    damping = f"; the kernel's theory: {r['kernel_damping']:.4f}" if theory else ""
     return [
         row(f"frequency, thickness {t}", r["frequency_ratio"], 1.0, source),
         row("  the exact wave's frequency over potential theory's", r["potential_ratio"]),

@@ -97,6 +97,12 @@ class Discrete:
         """Numerical Poisson ratio."""
         return NU[self.element]
 
+    @property
+    def discretisation(self) -> Discretisation:
+        """The same for the solid."""
+        shell = self.element == "solid_shell"
+        return Discretisation(element="solid_shell") if shell else Discretisation(degree=self.degree)
+
     def elements(self, plate: ImmersedPlate) -> int:
         """Return the elements along a plate, an even number: a node is in its middle."""
         return 2 * max(1, round(0.5 * plate.length / (self.h * self.ratio * self.degree)))
@@ -140,15 +146,12 @@ def model_of(
         below = Open(pressure=lambda x, y, z, t: loading.load * loading.ramp(t))
         sides = {"z_lower": below, "z_upper": Open(pressure=0.0)}
     grid = MacGrid([0.0] * 3, [h * n for n in where.cells], where.cells, [True, True, not sides], comm)
-    shell = discrete.element == "solid_shell"
     solid = Structure(
         _mesh(plate, where, discrete, comm),
         NeoHookean(c1=plate.modulus),
         name="plate",
         nu_stab=discrete.nu_stab,
-        discretisation=Discretisation(element="solid_shell")
-        if shell
-        else Discretisation(degree=discrete.degree),
+        discretisation=discrete.discretisation,
         damping=loading.damping if loading else 0.0,
         tethers=tethers,
         loads=loads,

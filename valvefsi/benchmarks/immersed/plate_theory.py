@@ -153,8 +153,8 @@ def _element_stiffness(plate: ImmersedPlate, edge: float) -> Array:
     k = plate.wave_number
     slope, mean = 2j * math.sin(0.5 * k * edge) / edge, math.cos(0.5 * k * edge)
     shear, bend = np.array([slope, mean]), np.array([0.0, slope])
-    found: Array = plate.modulus * plate.thickness * np.outer(shear.conj(), shear)
-    return found + plate.stiffness * np.outer(bend.conj(), bend)
+    stiffness: Array = plate.modulus * plate.thickness * np.outer(shear.conj(), shear)
+    return stiffness + plate.stiffness * np.outer(bend.conj(), bend)
 
 
 def _root(function: Callable[[complex], complex], start: complex) -> complex:

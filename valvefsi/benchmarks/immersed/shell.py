@@ -21,8 +21,8 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
-from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, couple
-from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.immersed.study import COUPLINGS, Numerics, couple
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.kernels import KERNELS
@@ -31,20 +31,18 @@ from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.geometry.blocks import ring
 from valvefsi.grid import MacGrid
+from valvefsi.post.diagnostics import fastest_place
+from valvefsi.post.plots.immersed import Line, Panel, panels
 from valvefsi.solid.materials.fibres import circumferential
 from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
 from valvefsi.verification.convergence import ratios_of
 from valvefsi.verification.norms import error_norms
 
-PARAMETERS = {
-    "radius": (0.25, "cm"),
-    "wall": (0.0625, "cm"),
-    "rho": (1.0, "g/cm^3"),
-    "mu": (1.0, "dyn*s/cm^2"),
-    "t_end": (0.25, "s"),
-    "dt_per_h": (0.25, "s/cm"),
-}
+PARAMETERS = quantities("""
+    radius = 0.25 cm, wall = 0.0625 cm, rho = 1 g/cm^3, mu = 1 dyn*s/cm^2, t_end = 0.25 s,
+    dt_per_h = 0.25 s/cm
+""")
 CENTRE = (0.5, 0.5)
 
 
@@ -174,10 +172,8 @@ class Shell(Benchmark[Series, None]):
         return [line, row("  spurious velocity", q["u_max"], source="exact 0", unit="cm/s")]
 
     def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
-        from valvefsi.post.plots.immersed import Line, Panel, panels
-
         def panel(kind: str, key: str, label: str) -> Panel:
-            chosen = {n: runs for n, runs in _by_series(records).items() if n.startswith(kind)}
+            series = {n: runs for n, runs in _by_series(records).items() if n.startswith(kind)}
             lines = [
                 Line(
                     label=name.removeprefix(f"{kind}, "),
@@ -186,7 +182,7 @@ class Shell(Benchmark[Series, None]):
                     colour=k,
                     style=("o-", "s--", "^:")[k // 6 % 3],
                 )
-                for k, (name, runs) in enumerate(chosen.items())
+                for k, (name, runs) in enumerate(series.items())
             ]
             return Panel(lines=lines, xlabel="cells N", ylabel=f"{kind}: {label}", log="xy")
 
@@ -228,11 +224,6 @@ def _in_cells(grid: MacGrid, state: fsi.State) -> tuple[Array, Array]:
     return r, p - grid.comm.allreduce(p.sum()) / count
 
 
-def _fastest(grid: MacGrid, state: fsi.State) -> float:
-    local = max(np.abs(c[grid.owned_faces(d)]).max() for d, c in enumerate(state.u))
-    return float(grid.comm.allreduce(local, op=MPI.MAX))
-
-
 def shell_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[str, float]:
     """Return errors of p and the spurious velocity of the shell on one grid (collective)."""
     n, radius, wall = numerics.grid, values["radius"], values["wall"]
@@ -249,7 +240,7 @@ def shell_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[st
         "p_L1": error.L1,
         "p_L2": error.L2,
         "p_max": error.largest,
-        "u_max": _fastest(grid, state),
+        "u_max": fastest_place(grid, state.u)[0],
         "area_change_percent": 100.0 * (solid.volume(state.bodies[0]["chi"]) / solid.reference_volume - 1.0),
     }
 
@@ -264,4 +255,4 @@ def membrane_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict
     margin = 4.0 / n
     parts = [p[r < radius - margin], p[r > radius + margin]]
     inside, outside = (comm.allreduce(q.sum()) / comm.allreduce(q.size) for q in parts)
-    return {"jump": inside - outside, "u_max": _fastest(grid, state)}
+    return {"jump": inside - outside, "u_max": fastest_place(grid, state.u)[0]}

@@ -1,4 +1,4 @@
-"""A grid study of an immersed problem, stabilised and not: runs, table, observed order, picture."""
+"""A grid study of an immersed problem, stabilised and not: how it is coupled, runs, table, observed order, picture."""
 
 from __future__ import annotations
 
@@ -7,29 +7,75 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public
-from valvefsi.benchmarks.immersed.numerics import COUPLINGS, Numerics, immersed_model
 from valvefsi.benchmarks.options import Values, option
 from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.benchmarks.running import History, attempt, fixed_steps, late_mean, late_size
+from valvefsi.bodies.elastic import Elastic
+from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.kernels import KERNELS
+from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary
+from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.fsi import Model
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.immersed import Line, Panel, panels
 from valvefsi.run.recording import Probe
 from valvefsi.run.simulation import Simulation
+from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.structure import Structure
 from valvefsi.verification.convergence import ratios_of
 
-if TYPE_CHECKING:
-    from valvefsi.post.plots.immersed import Line
+COUPLINGS = ("nodal", "elemental", "lumped")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numerics:
+    """How a problem is discretised and coupled.
+
+    Attributes:
+        grid: Cells along the box, as the problem counts them.
+        ratio: Element size over grid spacing.
+        kernel: Name of the regularised delta function.
+        coupling: "nodal", "elemental", or "lumped": elemental with the lumped mass.
+        nu_stab: Numerical Poisson ratio (S22), None for no volumetric energy.
+    """
+
+    grid: int
+    ratio: float = 1.0
+    kernel: str = "bspline3"
+    coupling: str = "nodal"
+    nu_stab: float | None = 0.4
+
+    def __post_init__(self) -> None:
+        """Check the coupling."""
+        if self.coupling not in COUPLINGS:
+            message = 'expected "nodal", "elemental" or "lumped"'
+            raise CaseError(message, key="--coupling", value=self.coupling)
+
+    @property
+    def name(self) -> str:
+        """Name of the run's folder."""
+        nu = "off" if self.nu_stab is None else f"{self.nu_stab:g}"
+        return f"N{self.grid}-r{self.ratio:g}-{self.kernel}-{self.coupling}-{nu}"
+
+
+def couple(fluid: NavierStokes, solid: Structure, numerics: Numerics) -> Coupling | ElementalCoupling:
+    """Return the coupling that the numerics ask for (collective)."""
+    grid, signs = fluid.grid, fluid.boundary.signs
+    if numerics.coupling == "nodal":
+        return Coupling(grid, numerics.kernel, signs)
+    mass = "lumped" if numerics.coupling == "lumped" else "consistent"
+    return ElementalCoupling(grid, numerics.kernel, ElementPoints(solid, mass), signs=signs)
+
 
 KINDS = {True: "stabilised", False: "not stabilised"}
-HELD = {"on": (True,), "off": (False,), "both": (True, False)}
+STATES = {"on": (True,), "off": (False,), "both": (True, False)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +115,7 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
     nu_stab: float | None = option(
         0.4, "Numerical Poisson ratio of stabilised runs.", metavar="V|off", between=(-1.0, 0.5)
     )
-    stabilised: str = option("both", "on, off or both.", choices=tuple(HELD))
+    stabilised: str = option("both", "on, off or both.", choices=tuple(STATES))
     refine: int = option(0, "Number of finer grids; gives the observed order.", least=0)
 
     def check(self, values: Values) -> None:
@@ -119,10 +165,10 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
 
     def runs(self) -> list[Numerics]:
         numerics = Numerics(grid=self.grid, ratio=self.ratio, kernel=self.kernel, coupling=self.coupling)
-        kinds = HELD[self.stabilised] if self.nu_stab is not None else (False,)
+        kinds = STATES[self.stabilised] if self.nu_stab is not None else (False,)
         return [
-            replace(numerics, grid=round(self.grid * factor), nu_stab=self.nu_stab if held else None)
-            for held in kinds
+            replace(numerics, grid=round(self.grid * factor), nu_stab=self.nu_stab if kind else None)
+            for kind in kinds
             for factor in self.factors[: self.refine + 1]
         ]
 
@@ -141,15 +187,15 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
 
     def one(self, run: Numerics, job: Job) -> Record:
         simulation = self.simulation(run, job.folder, job.comm)
-        done = attempt(simulation, job, clear=True)
+        end = attempt(simulation, job, clear=True)
         return {
             "problem": self.name,
             "numerics": asdict(run),
             "values": dict(self.values),
-            "quantities": self.quantities(done.history) if done.failed is None else {},
-            "history": {name: column.tolist() for name, column in done.history.items()},
-            "failed": done.failed,
-            "steps": done.steps,
+            "quantities": self.quantities(end.history) if end.failed is None else {},
+            "history": {name: column.tolist() for name, column in end.history.items()},
+            "failed": end.failed,
+            "steps": end.steps,
             "cells": math.prod(simulation.model.grid.cells),
         }
 
@@ -159,7 +205,9 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         for value, source in self.elsewhere():
             table.append(row(f"{self.main}, elsewhere", value, source=source, unit="cm"))
         for kind in KINDS:
-            table += self._orders([r for r in series if held(r) is kind], KINDS[kind], reference.value)
+            table += self._orders(
+                [r for r in series if is_stabilised(r) is kind], KINDS[kind], reference.value
+            )
         return Report(
             parameters=self.values | {"refine": self.refine, "stabilised": self.stabilised},
             quantities={Numerics(**r["numerics"]).name: r["quantities"] for r in records},
@@ -200,20 +248,22 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
 
     def _gain(self, series: Sequence[Record]) -> list[Row]:
         """How many times smaller the change of volume is with the stabilisation, grid by grid."""
-        free, kept = (
-            {r["numerics"]["grid"]: r["quantities"]["change_percent"] for r in series if held(r) is kind}
+        free, stabilised = (
+            {
+                r["numerics"]["grid"]: r["quantities"]["change_percent"]
+                for r in series
+                if is_stabilised(r) is kind
+            }
             for kind in (False, True)
         )
         name = f"{self.measure} change, not stabilised / stabilised, N = {{}}"
-        return [row(name.format(n), abs(free[n] / kept[n])) for n in kept if n in free]
+        return [row(name.format(n), abs(free[n] / stabilised[n])) for n in stabilised if n in free]
 
     def draw(self, records: Sequence[Record], reference: Incompressible, out: Path) -> None:
-        from valvefsi.post.plots.immersed import Line, Panel, panels
-
         name, change = f"{self.main} [cm]", f"{self.measure} change"
         same = {"reference": reference.value, "reference_label": "incompressible statics", "ylabel": name}
         time = _over_time(records, self.key), _over_time(records, self.change, labels=False)
-        shown = [
+        parts = [
             Panel(lines=time[0], xlabel="t [s]", **same),  # type: ignore[arg-type]
             Panel(lines=time[1], xlabel="t [s]", ylabel=f"{change} [%]", reference=0.0),
         ]
@@ -222,13 +272,13 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
             if reference.same_mesh:
                 x, y = list(reference.same_mesh), list(reference.same_mesh.values())
                 main.append(Line(label="mixed elements, same mesh", x=x, y=y, colour=2, style="^:"))
-            shown += [
+            parts += [
                 Panel(lines=main, xlabel="cells N", log="x", **same),  # type: ignore[arg-type]
                 Panel(lines=size, xlabel="cells N", ylabel=f"size of the {change} at the end [%]", log="xy"),
             ]
         n = records[0]["numerics"]
         caption = f"{n['kernel']}, {n['coupling']}, elements of {n['ratio']:g} h"
-        panels(out / f"{self.name}.png", shown, title=self.title, caption=caption, columns=2)
+        panels(out / f"{self.name}.png", parts, title=self.title, caption=caption, columns=2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,25 +299,24 @@ class SolidStudy(GridStudy):
         """Return the grid of the fluid with so many cells along its width (collective)."""
 
     def simulation(self, numerics: Numerics, folder: Path, comm: MPI.Comm) -> Simulation:
-        grid, values = self.box(numerics.grid, comm), self.values
-        model = immersed_model(grid, Boundary(grid), self.solid(numerics, comm), numerics, values)
+        grid, values, solid = self.box(numerics.grid, comm), self.values, self.solid(numerics, comm)
+        fluid = NavierStokes(grid, Boundary(grid), rho=values["rho"], mu=values["mu"])
+        model = Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, couple(fluid, solid, numerics)),))
         steps = round(values["t_end"] * numerics.grid / (values["dt_per_h"] * self.width))
         more: dict[str, Any] = {"cfl_max": 0.5, "checkpoint_wall_s": 0.0, "probes": (self.probe,)}
         return fixed_steps(model, folder, values["t_end"] / steps, steps, rows=self.rows, **more)
 
 
-def held(record: Record) -> bool:
+def is_stabilised(record: Record) -> bool:
     """Whether a run was stabilised."""
     return record["numerics"]["nu_stab"] is not None
 
 
 def _label(record: Record) -> str:
-    return f"N = {record['numerics']['grid']}, {KINDS[held(record)]}"
+    return f"N = {record['numerics']['grid']}, {KINDS[is_stabilised(record)]}"
 
 
 def _over_time(records: Sequence[Record], column: str, *, labels: bool = True) -> list[Line]:
-    from valvefsi.post.plots.immersed import Line
-
     grids = sorted({r["numerics"]["grid"] for r in records})
     return [
         Line(
@@ -275,7 +324,7 @@ def _over_time(records: Sequence[Record], column: str, *, labels: bool = True) -
             x=r["history"]["t_s"],
             y=r["history"][column],
             colour=grids.index(r["numerics"]["grid"]),
-            style="-" if held(r) else "--",
+            style="-" if is_stabilised(r) else "--",
         )
         for r in records
     ]
@@ -283,11 +332,9 @@ def _over_time(records: Sequence[Record], column: str, *, labels: bool = True) -
 
 def _over_grids(records: Sequence[Record], key: str) -> list[Line]:
     """Return a quantity over the cells, one line for each kind of run."""
-    from valvefsi.post.plots.immersed import Line
-
     lines = []
     for colour, (kind, text) in enumerate(KINDS.items()):
-        series = [r for r in records if held(r) is kind and not r["failed"]]
+        series = [r for r in records if is_stabilised(r) is kind and not r["failed"]]
         x, y = [r["numerics"]["grid"] for r in series], [r["quantities"][key] for r in series]
         if series:
             lines.append(Line(label=text, x=x, y=y, colour=colour, style="o-" if kind else "s--"))

@@ -20,11 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks.immersed.numerics import Numerics
-from valvefsi.benchmarks.immersed.study import SolidStudy
-from valvefsi.benchmarks.options import option
+from valvefsi.benchmarks.immersed.study import Numerics, SolidStudy
+from valvefsi.benchmarks.options import option, quantities
 from valvefsi.benchmarks.running import History
-from valvefsi.benchmarks.statics.torsion import computed
+from valvefsi.benchmarks.statics.solids import column_rises
 from valvefsi.geometry.shapes import box
 from valvefsi.grid import MacGrid
 from valvefsi.run.recording import Probe
@@ -35,17 +34,11 @@ from valvefsi.solid.moving_tether import MovingTether
 from valvefsi.solid.statics.supports import rotation
 from valvefsi.solid.structure import Structure
 
-PARAMETERS = {
-    "c1": (9000.0, "dyn/cm^2"),
-    "c2": (9000.0, "dyn/cm^2"),
-    "angle": (2.5 * math.pi, "1"),
-    "rho": (1.0, "g/cm^3"),
-    "mu": (0.04, "dyn*s/cm^2"),
-    "damping": (80.0, "dyn*s/cm^4"),
-    "t_end": (0.8, "s"),
-    "dt_per_h": (1.8e-3, "s/cm"),
-    "tether_stiffness": (1.0e7, "dyn/cm^3"),
-}
+PARAMETERS = quantities(
+    """c1 = 9000 dyn/cm^2, c2 = 9000 dyn/cm^2, rho = 1 g/cm^3, mu = 0.04 dyn*s/cm^2, damping = 80 dyn*s/cm^4,
+    t_end = 0.8 s, dt_per_h = 1.8e-3 s/cm, tether_stiffness = 1e7 dyn/cm^3""",
+    angle=(2.5 * math.pi, "1"),
+)
 WIDTH, HEIGHT, MIDDLE, RAMP = 3.0, 9.0, (0.5, 3.0, 0.5), 0.6
 """Edges of the box and its middle [cm]; part of the run over which the top turns."""
 TOP = (0.5, 6.0, 0.5)
@@ -100,7 +93,7 @@ class Torsion(SolidStudy):
         return super().quantities(history) | {"largest_change_percent": largest}
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
-        table, values = computed(), self.values
+        table, values = column_rises(), self.values
         part = values["angle"] / (2.5 * math.pi)
         nearest = min(table, key=lambda p: abs(p - part))
         same = values["c1"] == values["c2"]  # only their ratio matters

@@ -23,7 +23,7 @@ The forces are those of the fluid on cylinder and flag, see `valvefsi.run.forces
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,8 +34,7 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
-from valvefsi.benchmarks.immersed.turek_model import CENTRE, CLAMP, RADIUS, THICKNESS, TIP, build
-from valvefsi.benchmarks.options import Values, changed, option, read_parameters, require
+from valvefsi.benchmarks.options import Values, changed, option, quantities, read_parameters, require
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import (
     Columns,
@@ -44,32 +43,125 @@ from valvefsi.benchmarks.running import (
     Snapshot,
     attempt,
     fixed_steps,
+    flow_of,
     gathered,
     off_one,
     outline_of,
 )
+from valvefsi.bodies.elastic import Elastic
+from valvefsi.bodies.heavy import Heavy
+from valvefsi.bodies.rigid import RigidSurface
 from valvefsi.coupling.kernels import KERNELS
+from valvefsi.coupling.transfer import Coupling
+from valvefsi.fluid.boundary import Boundary, Open, Wall
+from valvefsi.geometry.flow_shapes import flag as flag_mesh
+from valvefsi.grid import MacGrid
+from valvefsi.grid.grading import graded_edges
 from valvefsi.post import diagnostics
 from valvefsi.post.diagnostics.signals import oscillation, whole_periods
+from valvefsi.post.plots.turek import histories, vorticity
 from valvefsi.run.forces import ForceOutput
 from valvefsi.run.recording import Probe
 from valvefsi.run.simulation import Simulation
+from valvefsi.solid.loads import Tether
+from valvefsi.solid.materials import NeoHookean, kappa_stab
+from valvefsi.solid.structure import Discretisation, Structure
 from valvefsi.types import Array
 
-PARAMETERS = {
-    "U": (200.0, "cm/s"),
-    "mu_s": (2e7, "dyn/cm^2"),
-    "nu": (0.4, "1"),
-    "rho": (1.0, "g/cm^3"),
-    "rho_s": (1.0, "g/cm^3"),
-    "mu": (10.0, "dyn*s/cm^2"),
-    "ramp": (2.0, "s"),
-    "nu_stab": (0.49, "1"),
-    "ratio": (2.0, "1"),
-    "share": (4.5, "1"),
-    "hold": (0.5, "1"),
-    "pace": (0.02, "1"),
-}
+LENGTH, HEIGHT = 250.0, 41.0
+"""Length and height of the channel [cm]."""
+CENTRE, RADIUS = (20.0, 20.0), 5.0
+"""The cylinder [cm]."""
+TIP, THICKNESS, ROOT = 60.0, 2.0, 23.0
+"""Where the flag ends, its thickness, and where it begins, inside the cylinder [cm]."""
+CLAMP = CENTRE[0] + math.sqrt(RADIUS**2 - (0.5 * THICKNESS) ** 2)
+"""Where the flag leaves the cylinder [cm]."""
+CORE = ((13.0, 65.0), (10.0, 30.0))
+"""Stretches along both axes with the smallest cells [cm]."""
+
+
+def cylinder_points(h: float) -> tuple[Array, Array]:
+    """Return points on circles that fill the cylinder but not the flag, and the area of each [cm, cm^2]."""
+    places, areas = [], []
+    rings = math.ceil(RADIUS / (0.6 * h))
+    for k in range(rings):
+        r = RADIUS * (k + 0.5) / rings
+        n = max(6, math.ceil(2.0 * math.pi * r / (0.6 * h)))
+        angle = 2.0 * math.pi * (np.arange(n) + 0.5 * (k % 2)) / n
+        places.append(np.stack([r * np.cos(angle), r * np.sin(angle), np.full(n, 0.5)], axis=1))
+        areas.append(np.full(n, 2.0 * math.pi * r * RADIUS / (rings * n)))
+    X, area = np.concatenate(places) + (*CENTRE, 0.0), np.concatenate(areas)
+    free = (X[:, 0] < ROOT) | (np.abs(X[:, 1] - CENTRE[1]) > 0.5 * THICKNESS)
+    return X[free], area[free]
+
+
+def channel(cells: int, comm: MPI.Comm) -> MacGrid:
+    """Return the grid: ``cells`` across the flag where it sweeps and around the cylinder, graded away from there."""
+    h = THICKNESS / cells
+    (x0, x1), (y0, y1) = CORE
+    along = [(0.0, 2.0 * h), (x0, h), (x1, h), (x1 + 50.0 * h, 4.0 * h), (LENGTH, 8.0 * h)]
+    across = [(0.0, 1.5 * h), (y0, h), (y1, h), (HEIGHT, 1.5 * h)]
+    return MacGrid.graded([graded_edges(along), graded_edges(across)], [False, False], comm)
+
+
+def length_of_step(h: float, values: Values) -> float:
+    """Return the step: the share of the elastic limit, and a Courant number of 0.3 at 2.5 U [s]."""
+    c1 = plate_modulus(values)
+    wave = math.sqrt((kappa_stab(c1, values["nu_stab"]) + 4.0 / 3.0 * c1) / values["rho"])
+    elastic = 0.5 * values["ratio"] * h / (math.sqrt(2.0) * wave)
+    return min(values["share"] * elastic, 0.3 * h / (2.5 * values["U"]))
+
+
+def plate_modulus(values: Values) -> float:
+    """Shear modulus of an incompressible plate as stiff as the published one [dyn/cm^2]."""
+    return 0.5 * values["mu_s"] / (1.0 - values["nu"])
+
+
+def inflow(values: Values) -> Callable[[Array, Array, Array, float], tuple[Array, float]]:
+    """Return the velocity on the left side as a function of place and time."""
+    U, ramp = values["U"], values["ramp"]
+
+    def velocity(x: Array, y: Array, z: Array, t: float) -> tuple[Array, float]:
+        raised = 0.5 * (1.0 - math.cos(math.pi * min(t, ramp) / ramp))
+        return 1.5 * U * raised * 4.0 * y * (HEIGHT - y) / HEIGHT**2 + 0.0 * x * z, 0.0
+
+    return velocity
+
+
+def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> tuple[fsi.Model, float]:
+    """Return the model and the length of a step [s] (collective)."""
+    grid = channel(cells, comm)
+    h = THICKNESS / cells
+    dt, rho, mu = length_of_step(h, values), values["rho"], values["mu"]
+    hold = {"stiffness": values["hold"] * rho / dt**2, "damping": values["hold"] * rho / dt}
+    flag = Structure(
+        flag_mesh(
+            comm, along=(ROOT, CLAMP, TIP), thickness=THICKNESS, centre=CENTRE[1], size=values["ratio"] * h
+        ),
+        NeoHookean(c1=plate_modulus(values)),
+        name="flag",
+        nu_stab=values["nu_stab"],
+        discretisation=Discretisation(degree=2),
+        tethers=[Tether(on=("root",), **hold)],
+    )
+    coupling = Coupling(grid, kernel)
+    points, areas = cylinder_points(h)
+    cylinder = RigidSurface(points, areas, coupling, name="cylinder", slip=values["pace"] / dt, **hold)
+    sides = Boundary(grid, {"x_lower": Wall(velocity=inflow(values)), "x_upper": Open()})
+    density = values["rho_s"]
+    body = Heavy(flag, coupling, rho=rho, density=density) if density > rho else Elastic(flag, coupling)
+    model = fsi.Model(
+        grid=grid,
+        fluid=flow_of(grid, sides, dt, rho=rho, mu=mu, advection="xsppm7"),
+        bodies=(body, cylinder),
+    )
+    return model, dt
+
+
+PARAMETERS = quantities("""
+    U = 200 cm/s, mu_s = 2e7 dyn/cm^2, nu = 0.4, rho = 1 g/cm^3, rho_s = 1 g/cm^3, mu = 10 dyn*s/cm^2,
+    ramp = 2 s, nu_stab = 0.49, ratio = 2, share = 4.5, hold = 0.5, pace = 0.02
+""")
 """Default and unit. ``ratio`` is the length of a quadratic element over h, ``share`` the step over the elastic limit
 of nodes that move alone, ``hold`` the springs of cylinder and clamp over rho/dt^2 and their dampers over rho/dt,
 ``pace`` the part of its way back that a point of the cylinder slips through the fluid in a step: without it springs
@@ -115,10 +207,10 @@ def watch(model: fsi.Model, sights: Sights) -> Columns:
 
     def values(state: fsi.State) -> tuple[float, float]:
         root = flag.X[:, 0] < CLAMP + 1e-6
-        moved = np.linalg.norm((state.bodies[0]["chi"] - flag.X)[root], axis=1).max(initial=0.0)
+        shift = np.linalg.norm((state.bodies[0]["chi"] - flag.X)[root], axis=1).max(initial=0.0)
         speed, _ = diagnostics.fastest_place(grid, state.u)
         sights.take(state, grid, lambda: look(state))
-        return grid.comm.allreduce(float(moved), op=MPI.MAX), speed
+        return grid.comm.allreduce(float(shift), op=MPI.MAX), speed
 
     return Columns(("clamp_cm", "speed_cm_per_s"), values)
 
@@ -188,10 +280,10 @@ class TurekFsi(Benchmark[int, None]):
 
     def one(self, run: int, job: Job) -> Record:
         simulation, sights = self.simulation(run, job.folder, job.comm)
-        done = attempt(simulation, job)
+        end = attempt(simulation, job)
         if job.comm.rank == 0:
-            self._pictures(run, job.folder, done.history, sights.kept)
-        model, h = simulation.model, done.history
+            self._pictures(run, job.folder, end.history, sights.snapshots)
+        model, h = simulation.model, end.history
         return {
             "cells": run,
             "grid": list(model.grid.cells[:2]),
@@ -200,15 +292,13 @@ class TurekFsi(Benchmark[int, None]):
             "points": model.bodies[1].num_points,
             "dt": simulation.schedule.dt,
             "steps": int(h["step"][-1]),
-            "failed": done.failed,
+            "failed": end.failed,
             "quantities": {k: dict(zip(PARTS, q, strict=True)) for k, q in numbers(h).items()},
             "clamp_mm": 10.0 * float(h["clamp_cm"].max()),
             "J_off": off_one(h, "flag"),
         }
 
     def _pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[Snapshot]) -> None:
-        from valvefsi.post.plots.turek import histories, vorticity
-
         name = f"{self.case.upper()}, {cells} cells across the flag, {self.kernel}"
         expected, t = published(self.case) if self.comparable else {}, h["t_s"][1:]
         signals = {key: factor * h[column][1:] for key, (column, factor) in SIGNALS.items()}
@@ -219,9 +309,9 @@ class TurekFsi(Benchmark[int, None]):
             vorticity(folder / "vorticity.png", [vars(s) for s in snapshots], body, scale=scale, title=name)
 
     def report(self, records: Sequence[Record], reference: None) -> Report:
-        chosen = {"case": self.case, "t_end": self.t_end, "kernel": self.kernel}
+        options = {"case": self.case, "t_end": self.t_end, "kernel": self.kernel}
         return Report(
-            parameters=self.values | chosen,
+            parameters=self.values | options,
             quantities={r["cells"]: r["quantities"] for r in records},
             reference=published(self.case) | {"source": SOURCE},
             more={"runs": [public(r) for r in records]},
@@ -232,19 +322,12 @@ class TurekFsi(Benchmark[int, None]):
         lines = [row(f"{r['cells']} cells", "broke down", source=r["failed"][:90])] if r["failed"] else []
         for key, label, unit in LABELS:
             for what, value in zip(PARTS, published(self.case)[key], strict=True):
-                # a steady case has neither amplitude nor frequency
-                reference = value if self.comparable and abs(value) > 0.0 else None
+                # A steady case has neither amplitude nor frequency, a mean that is next to nothing no per cent.
+                compared = (value, SOURCE) if self.comparable and abs(value) > 0.0 else (None, "")
                 name = f"{label}, {what}, {r['cells']} cells" if what == "mean" else f"  {what}"
-                line = row(
-                    name,
-                    r["quantities"][key][what],
-                    reference,
-                    SOURCE if reference is not None else "",
-                    unit="1/s" if what == "frequency" else unit,
-                    relative=what != "mean"
-                    or key == "drag",  # a mean that is next to nothing has no per cent
-                )
-                lines.append(line)
+                kind = {"unit": "1/s" if what == "frequency" else unit}
+                relative = what != "mean" or key == "drag"
+                lines.append(row(name, r["quantities"][key][what], *compared, **kind, relative=relative))
         cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
         return [
             *lines,

@@ -34,7 +34,7 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
-from valvefsi.benchmarks.options import Values, option, require
+from valvefsi.benchmarks.options import Values, option, quantities, require
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import (
     History,
@@ -57,6 +57,7 @@ from valvefsi.geometry.polygon_gap import gap
 from valvefsi.grid import MacGrid
 from valvefsi.grid.grading import graded_edges
 from valvefsi.post import diagnostics
+from valvefsi.post.plots.valve_2d import in_the_flow, tips
 from valvefsi.run.planning import step_limits
 from valvefsi.run.simulation import Simulation
 from valvefsi.run.stable_step import measured_limit
@@ -68,33 +69,22 @@ LENGTH, HEIGHT, ROOT = 8.0, 1.61, 2.0
 """Length and height of the channel, and where the leaflets are [cm]."""
 FINE = (1.6, 2.8)
 """Stretch of the channel with the smallest cells, where the leaflets sweep [cm]."""
-PARAMETERS = {
-    "E": (5.6e7, "dyn/cm^2"),
-    "nu": (0.4, "1"),
-    "rho": (100.0, "g/cm^3"),
-    "mu": (10.0, "dyn*s/cm^2"),
-    "thickness": (0.0212, "cm"),
-    "length": (0.7, "cm"),
-    "inflow": (5.0, "1/(cm*s)"),
-    "nu_stab": (0.49, "1"),
-    "ratio": (1.0, "1"),
-    "share": (0.6, "1"),
-}
+PARAMETERS = quantities("""
+    E = 5.6e7 dyn/cm^2, nu = 0.4, rho = 100 g/cm^3, mu = 10 dyn*s/cm^2, thickness = 0.0212 cm,
+    length = 0.7 cm, inflow = 5 1/(cm*s), nu_stab = 0.49, ratio = 1, share = 0.6
+""")
 """Default and unit; ``ratio`` is element length over h, ``share`` the step over the limit measured at rest."""
 SOURCE = "Kamensky et al. 2015, digitised"
 REFINEMENT, SAMPLES = 1.5, 600
+LARGEST = {"max_dx": "largest dx of the upper tip", "max_dy": "largest dy"}
+"""What is compared, and its name in the table."""
 
 
 def published() -> dict[str, tuple[float, tuple[float, float]]]:
     """Return the largest displacements of the upper tip and their range over codes [cm]."""
-    table = references.read("kamensky2015")
-    return {
-        key: (
-            table.value("value", quantity=key),
-            (table.value("low", quantity=key), table.value("high", quantity=key)),
-        )
-        for key in ("max_dx", "max_dy")
-    }
+    number = references.read("kamensky2015").value
+    values = {key: [number(name, quantity=key) for name in ("value", "low", "high")] for key in LARGEST}
+    return {key: (value, (low, high)) for key, (value, low, high) in values.items()}
 
 
 def channel(cells: int, comm: MPI.Comm) -> MacGrid:
@@ -180,15 +170,12 @@ class Leaflet:
 
 @dataclass
 class Watch:
-    """Sees tips, gap and the largest speed, and keeps the flow at some steps for a picture.
+    """Sees tips, gap and the largest speed, and keeps the flow at some steps for a picture (collective).
 
     Attributes:
         model: The model of `build`.
         size: Thickness and length of a leaflet [cm].
         sights: Snapshots.
-
-    Note:
-        Collective.
     """
 
     model: fsi.Model
@@ -268,10 +255,10 @@ class Valve2D(Benchmark[int, None]):
     def one(self, run: int, job: Job) -> Record:
         begin, built = time.perf_counter(), build(run, self.kernel, self.values, job.comm)
         simulation, watch = self.simulation(built, job)
-        done = attempt(simulation, job)
-        grid, steps = built.model.grid, int(done.history["step"][-1])
+        end = attempt(simulation, job)
+        grid, steps = built.model.grid, int(end.history["step"][-1])
         if job.comm.rank == 0:
-            self._pictures(run, job.folder, done.history, watch.sights.kept)
+            self._pictures(run, job.folder, end.history, watch.sights.snapshots)
         return {
             "cells": run,
             "grid": list(grid.cells[:2]),
@@ -280,14 +267,12 @@ class Valve2D(Benchmark[int, None]):
             "dt": built.dt,
             "limits": built.limits,
             "steps": steps,
-            "failed": done.failed,
-            "quantities": numbers(done.history),
-            "step_ms": 1e3 * (time.perf_counter() - begin) / max(1, done.steps),
+            "failed": end.failed,
+            "quantities": numbers(end.history),
+            "step_ms": 1e3 * (time.perf_counter() - begin) / max(1, end.steps),
         }
 
     def _pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[Snapshot]) -> None:
-        from valvefsi.post.plots.valve_2d import in_the_flow, tips
-
         name = f"Two leaflets in a channel, {cells} cells across, {self.kernel}"
         curves = {key.removesuffix("_cm"): h[key] for key in Watch.columns} | {"t": h["t_s"]}
         tips(folder / "tips.png", curves, published(), name)
@@ -295,10 +280,10 @@ class Valve2D(Benchmark[int, None]):
             in_the_flow(folder / "flow.png", [vars(s) for s in snapshots], title=name)
 
     def report(self, records: Sequence[Record], reference: None) -> Report:
-        chosen = {"t_end": self.t_end, "kernel": self.kernel, "grids": self.runs()}
+        options = {"t_end": self.t_end, "kernel": self.kernel, "grids": self.runs()}
         codes = {key: {"value": value, "range": band} for key, (value, band) in published().items()}
         return Report(
-            parameters=self.values | chosen,
+            parameters=self.values | options,
             quantities={r["cells"]: r["quantities"] for r in records},
             reference=codes | {"source": SOURCE},
             more={"runs": [public(r) for r in records]},
@@ -308,11 +293,9 @@ class Valve2D(Benchmark[int, None]):
     def _lines(self, r: Record) -> list[Row]:
         q, name = r["quantities"], f"N = {r['cells']}"
         lines = [row(name, "broke down", source=r["failed"][:90])] if r["failed"] else []
-        for key, label in (("max_dx", "largest dx of the upper tip"), ("max_dy", "largest dy")):
-            value, (low, high) = published()[key]
-            source = f"{SOURCE}; over codes {low} ... {high}" if self.comparable else ""
-            reference = value if self.comparable else None
-            lines.append(row(f"{label}, {name}", q[key], reference, source, unit="cm"))
+        for key, (value, (low, high)) in published().items():
+            codes = (value, f"{SOURCE}; over codes {low} ... {high}") if self.comparable else (None, "")
+            lines.append(row(f"{LARGEST[key]}, {name}", q[key], *codes, unit="cm"))
         still: dict[str, Any] = {"reference": 0.0, "source": "incompressible", "relative": False}
         cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
         return [

@@ -30,6 +30,7 @@ from valvefsi.benchmarks.results import row
 from valvefsi.case.materials import make_material
 from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.geometry.shapes import box
+from valvefsi.post.plots.bending import edge_series
 from valvefsi.solid import statics
 from valvefsi.solid.loads import Pressure
 from valvefsi.solid.materials import fibres
@@ -102,11 +103,11 @@ class Strip:
 
 def answers(strip: Strip) -> dict[str, Answer]:
     """Return what is measured of a strip by name of its ratio; each takes elements of one kind (collective)."""
-    found: dict[str, Answer] = {"stiffness_ratio": deflection, "stiffness_ratio_90": right_angle}
+    measures: dict[str, Answer] = {"stiffness_ratio": deflection, "stiffness_ratio_90": right_angle}
     if strip.radius is None:
-        found["membrane_ratio"] = partial(energy_of, motion=pull)
-        found["twist_ratio"] = partial(energy_of, motion=rotation(0.05, **AXIS))
-    return found
+        measures["membrane_ratio"] = partial(energy_of, motion=pull)
+        measures["twist_ratio"] = partial(energy_of, motion=rotation(0.05, **AXIS))
+    return measures
 
 
 def reference_counts(name: str) -> Counts:
@@ -121,29 +122,29 @@ def ratio_of(name: str, own: float, reference: float) -> float:
 
 def ratios(strip: Strip, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, float]:
     """Return the ratios of stiffness, 1 for an element that neither locks nor is too soft (collective)."""
-    found = {}
+    numbers = {}
     for name, answer in answers(strip).items():
         reference = answer(strip, reference_counts(name), TaylorHood(), comm)
-        found[name] = ratio_of(
+        numbers[name] = ratio_of(
             name, answer(strip, strip.counts, SolidShell(kappa=strip.kappa), comm), reference
         )
-    return found
+    return numbers
 
 
 def series(strip: Strip, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, list[float]]:
     """Return the edges 2 E, E, E/2 and the ratio of bending stiffness with one and with two layers (collective)."""
     expected = deflection(strip, REFERENCE, TaylorHood(), comm)
-    found: dict[str, list[float]] = {"edge_cm": [2 * strip.edge, strip.edge, strip.edge / 2]}
+    numbers: dict[str, list[float]] = {"edge_cm": [2 * strip.edge, strip.edge, strip.edge / 2]}
     for layers in (1, 2):
-        finer = [replace(strip, edge=edge, layers=layers) for edge in found["edge_cm"]]
+        finer = [replace(strip, edge=edge, layers=layers) for edge in numbers["edge_cm"]]
         shell = SolidShell(kappa=strip.kappa)
-        found[f"layers_{layers}"] = [expected / deflection(s, s.counts, shell, comm) for s in finer]
+        numbers[f"layers_{layers}"] = [expected / deflection(s, s.counts, shell, comm) for s in finer]
     linear = statics.NearlyIncompressible(degree=1, kappa=strip.kappa)
-    found["linear_hexahedra"] = [
+    numbers["linear_hexahedra"] = [
         expected / deflection(s, s.counts, linear, comm)
-        for s in (replace(strip, edge=edge) for edge in found["edge_cm"])
+        for s in (replace(strip, edge=edge) for edge in numbers["edge_cm"])
     ]
-    return found
+    return numbers
 
 
 AXIS = {"axis": (1.0, 0.0, 0.0), "through": (0.0, WIDTH / 2, 0.0)}
@@ -225,7 +226,7 @@ def right_angle(strip: Strip, counts: Counts, formulation: Formulation | SolidSh
         if turns[-1] > 0.5 * math.pi:
             raise _Reached
 
-    held = [Fixed(on=("x_lower",)), Fixed(on=("y_lower", "y_upper"), components=("y",))]
+    supports = [Fixed(on=("x_lower",)), Fixed(on=("y_lower", "y_upper"), components=("y",))]
     options = statics.SolverOptions(
         quadrature_degree=QUADRATURE, first_increment=STOPS[0], smallest_increment=1e-6, stops=STOPS
     )
@@ -233,7 +234,7 @@ def right_angle(strip: Strip, counts: Counts, formulation: Formulation | SolidSh
         statics.solve(
             mesh_of(strip, counts, comm),
             material_of(strip),
-            fixed=held,
+            fixed=supports,
             loads=[Pressure(on=("z_lower",), value=largest)],
             formulation=formulation,
             options=options,
@@ -268,11 +269,13 @@ def energy_of(
             mesh, material, discretisation=Discretisation(element="solid_shell", kappa=strip.kappa)
         )
     else:
-        given = Discretisation(degree=2, quadrature_degree=QUADRATURE)
-        solid = Structure(mesh, material, nu_stab=None, discretisation=given)
-    moved = solid.elasticity.position
-    moved.interpolate(solution.displacement)  # the spaces of statics may number their nodes in another order
-    return solid.energy(solid.X + moved.x.array.reshape(-1, 3)[: len(solid.X)])
+        quadratic = Discretisation(degree=2, quadrature_degree=QUADRATURE)
+        solid = Structure(mesh, material, nu_stab=None, discretisation=quadratic)
+    position = solid.elasticity.position
+    position.interpolate(
+        solution.displacement
+    )  # the spaces of statics may number their nodes in another order
+    return solid.energy(solid.X + position.x.array.reshape(-1, 3)[: len(solid.X)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -291,11 +294,9 @@ class Bending(Benchmark[Strip, None]):
     kappa: float = option(1e8, "Numerical bulk modulus [dyn/cm^2].")
 
     def check(self, values: Values) -> None:
-        """Refuse what is no strip."""
         self.runs()
 
     def runs(self) -> list[Strip]:
-        """Return the strip."""
         try:
             radius = None if self.radius == "flat" else 0.1 * float(self.radius)
         except ValueError:
@@ -312,11 +313,9 @@ class Bending(Benchmark[Strip, None]):
         return [strip]
 
     def one(self, run: Strip, job: Job) -> Record:
-        """Return the ratios of a strip, and their convergence over edges."""
         return {"ratios": ratios(run, job.comm), "series": series(run, job.comm)}
 
-    def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return the ratios of stiffness."""
+    def report(self, records: Sequence[Record], reference: None) -> Report:
         (r,) = records
         source = "mixed Q2-Q1 elements, {} x {} x {}".format(*REFERENCE)
         return Report(
@@ -327,9 +326,6 @@ class Bending(Benchmark[Strip, None]):
             table=[row(name, value, 1.0, source) for name, value in r["ratios"].items()],
         )
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw the convergence over edges."""
-        from valvefsi.post.plots.bending import edge_series
-
+    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
         title = f"Bending stiffness of a strip, {self.material}"
         edge_series(out / "bending.png", records[0]["series"], title=title)

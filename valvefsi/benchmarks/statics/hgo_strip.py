@@ -19,7 +19,7 @@ from mpi4py import MPI
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from valvefsi.benchmarks.options import Values
+from valvefsi.benchmarks.options import Values, quantities
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, StaticParts, answer_of
 from valvefsi.geometry.benchmark_shapes import thick_cylinder
@@ -29,18 +29,10 @@ from valvefsi.solid.loads import DeadLoad, Pressure
 from valvefsi.solid.materials import fibres
 from valvefsi.solid.materials.fibre_reinforced import HGO, FibreFamily
 
-PARAMETERS = {
-    "c10": (1.21e4, "dyn/cm^2"),
-    "c01": (7.99, "1"),
-    "k1": (2.426e5, "dyn/cm^2"),
-    "k2": (57.62, "1"),
-    "kappa": (0.1, "1"),
-    "stretch_1": (1.08, "1"),
-    "stretch_2": (1.15, "1"),
-    "pressure": (2.0e4, "dyn/cm^2"),
-    "inner": (1.0, "cm"),
-    "outer": (1.2, "cm"),
-}
+PARAMETERS = quantities("""
+    c10 = 1.21e4 dyn/cm^2, c01 = 7.99, k1 = 2.426e5 dyn/cm^2, k2 = 57.62, kappa = 0.1, stretch_1 = 1.08,
+    stretch_2 = 1.15, pressure = 2e4 dyn/cm^2, inner = 1 cm, outer = 1.2 cm
+""")
 """The moduli are of the size of a valve leaflet's; they are parameters, not a fit and not a reference."""
 
 
@@ -99,29 +91,25 @@ class Flat(Static):
     title = "HGO strip pulled along two axes"
     parameters = PARAMETERS
     cells = ("tetrahedron", "hexahedron")
-    units = {
-        "stretch_1": ("-", "stretch 1"),
-        "stretch_2": ("-", "stretch 2"),
-        "thickness_mm": ("mm", "thickness"),
-    }
+    units = {f"stretch_{k}": ("-", f"stretch {k}") for k in (1, 2)} | {"thickness_mm": ("mm", "thickness")}
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
         n, values = 2 * mesh.elements, self.values
         body = box(comm, size=(1.0, 1.0, 0.1), elements=(n, n, 1), cell=mesh.cell)
         body = body.with_fibres(fibre=fibres.constant(body, (1.0, 0.0, 0.0)))
-        wanted = (values["stretch_1"], values["stretch_2"])
-        S = sheet_stress(values, wanted)
+        stretches = (values["stretch_1"], values["stretch_2"])
+        S = sheet_stress(values, stretches)
         loads = [
-            DeadLoad(on=("x_upper",), traction=(wanted[0] * S[0], 0.0, 0.0)),
-            DeadLoad(on=("y_upper",), traction=(0.0, wanted[1] * S[1], 0.0)),
+            DeadLoad(on=("x_upper",), traction=(stretches[0] * S[0], 0.0, 0.0)),
+            DeadLoad(on=("y_upper",), traction=(0.0, stretches[1] * S[1], 0.0)),
         ]
         fixed = [statics.Fixed(on=(f"{axis}_lower",), components=(axis,)) for axis in "xyz"]
         material = material_of(values)
         solution = statics.solve(body, material, fixed=fixed, loads=loads)
         u = solution.displacement_at((1.0, 1.0, 0.1))
         sizes = (1 + float(u[0]), 1 + float(u[1]), 1 + 10 * float(u[2]))
-        named = dict(zip(self.units, sizes, strict=True))
-        return answer_of(solution, material, named, fibres=body.fibres, fibre="fibre")
+        answer = dict(zip(self.units, sizes, strict=True))
+        return answer_of(solution, material, answer, fibres=body.fibres, fibre="fibre")
 
     def compared_with(self) -> References:
         one, two = self.values["stretch_1"], self.values["stretch_2"]
@@ -143,10 +131,7 @@ class Ring(Static):
         radii = (self.values["inner"], self.values["outer"])
         body = thick_cylinder(comm, radii=radii, elements=mesh.elements, cell=mesh.cell)
         body = body.with_fibres(fibre=fibres.circumferential(body, degree=2))
-        fixed = [
-            statics.Fixed(on=("x_axis",), components=("y",)),
-            statics.Fixed(on=("y_axis",), components=("x",)),
-        ]
+        fixed = [statics.Fixed(on=(f"{a}_axis",), components=(b,)) for a, b in ("xy", "yx")]
         material = material_of(self.values)
         load = Pressure(on=("inner",), value=self.values["pressure"])
         options = statics.SolverOptions(quadrature_degree=6)

@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.benchmarks import references
-from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, StaticParts, answer_of
 from valvefsi.geometry.benchmark_shapes import truncated_ellipsoid
@@ -27,20 +27,11 @@ from valvefsi.solid.loads import Pressure
 from valvefsi.solid.materials import fibres
 from valvefsi.solid.materials.cardiac import Contracting, Guccione, ellipsoid_fibres
 
-KPA = 1.0e4
-FIBRE = {"bf": (8.0, "1"), "bt": (2.0, "1"), "bfs": (4.0, "1")}
-BEAM = {"C": (2.0 * KPA, "dyn/cm^2"), **FIBRE, "pressure": (0.004 * KPA, "dyn/cm^2")}
-INFLATION = {
-    "C": (10.0 * KPA, "dyn/cm^2"),
-    **dict.fromkeys(FIBRE, (1.0, "1")),
-    "pressure": (10.0 * KPA, "dyn/cm^2"),
-}
-CONTRACTION = {
-    "C": (2.0 * KPA, "dyn/cm^2"),
-    **FIBRE,
-    "pressure": (15.0 * KPA, "dyn/cm^2"),
-    "tension": (60.0 * KPA, "dyn/cm^2"),
-}
+BEAM = quantities("C = 2e4 dyn/cm^2, bf = 8, bt = 2, bfs = 4, pressure = 40 dyn/cm^2")
+INFLATION = quantities("C = 1e5 dyn/cm^2, bf = 1, bt = 1, bfs = 1, pressure = 1e5 dyn/cm^2")
+CONTRACTION = quantities("""
+    C = 2e4 dyn/cm^2, bf = 8, bt = 2, bfs = 4, pressure = 1.5e5 dyn/cm^2, tension = 6e5 dyn/cm^2
+""")
 SHORT, LONG = (0.7, 1.0), (1.7, 2.0)
 APEX = {"z_apex_endo_mm": ("mm", "z of the inner apex"), "z_apex_epi_mm": ("mm", "z of the outer apex")}
 
@@ -104,8 +95,8 @@ class Inflation(Static):
         options = statics.SolverOptions(first_increment=0.05)
         solution = statics.solve(body, material, fixed=[base], loads=[load], options=options)
         apex = np.array([(0.0, 0.0, -LONG[0]), (0.0, 0.0, -LONG[1])])
-        moved = zip(apex, solution.displacement_at(apex), strict=True)
-        heights = dict(zip(APEX, (10 * (point[2] + float(u[2])) for point, u in moved), strict=True))
+        places = zip(apex, solution.displacement_at(apex), strict=True)
+        heights = dict(zip(APEX, (10 * (point[2] + float(u[2])) for point, u in places), strict=True))
         return answer_of(solution, material, heights, fibres=body.fibres, fibre="fibre")
 
 
@@ -131,7 +122,7 @@ class Land(StaticParts):
     cell: str = option("hexahedron", "Kind of cell: tetrahedron, hexahedron, simplex or both.")
     problem: Sequence[int] = option((1, 2, 3), "1, 2 or 3; repeatable; all by default.", choices=(1, 2, 3))
 
-    def chosen(self) -> dict[str, type[Static]]:
+    def selection(self) -> dict[str, type[Static]]:
         return {PROBLEMS[number].name: PROBLEMS[number] for number in self.problem}
 
     def title(self, part: str) -> str:

@@ -128,11 +128,11 @@ class ThinShell(Static):
 
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
         thickness = self.size[2]
-        made = box(comm, lower=(0.0, 0.0, -thickness / 2), size=self.size, elements=self.elements_of(mesh))
-        made.mesh.geometry.x[:] = self.shape(made.mesh.geometry.x)
+        body = box(comm, lower=(0.0, 0.0, -thickness / 2), size=self.size, elements=self.elements_of(mesh))
+        body.mesh.geometry.x[:] = self.shape(body.mesh.geometry.x)
         setting = self.setting()
         solution = statics.solve(
-            made,
+            body,
             self.material,
             fixed=setting.fixed,
             loads=setting.loads,
@@ -142,7 +142,7 @@ class ThinShell(Static):
         )
         values = self.read_off(solution.displacement_at(setting.points))
         space = solution.displacement.function_space
-        elements = ShellElasticity(made, space, self.material, *SolidShell().parts(self.material))
+        elements = ShellElasticity(body, space, self.material, *SolidShell().parts(self.material))
         owned = space.dofmap.index_map.size_local
         u = solution.displacement.x.array.reshape(-1, 3)[:owned]
         elements.set_position(space.tabulate_dof_coordinates()[:owned] + u)
@@ -187,9 +187,9 @@ class Cantilever(ThinShell):
     def compared_with(self) -> References:
         length, width, thickness = self.size
         values = elastica(self.force, length, self.young * width * thickness**3 / 12)
-        known = super().compared_with()
+        table = super().compared_with()
         return {
-            name: [*known[name], Reference(value=value, source="elastica")]
+            name: [*table[name], Reference(value=value, source="elastica")]
             for name, value in zip(self.units, values, strict=True)
         }
 

@@ -19,6 +19,7 @@ from valvefsi.benchmarks.options import option
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.statics.bending import Strip, answers, ratio_of, reference_counts
 from valvefsi.errors import ConvergenceError
+from valvefsi.post.plots.bending import ratio_points
 from valvefsi.solid.statics import SolidShell, TaylorHood
 
 MATERIALS = {
@@ -86,29 +87,28 @@ class Strips(Benchmark[Strip, None]):
         return out / self.label(run).replace(", ", "_").replace(" ", "-")
 
     @cached_property
-    def _found(self) -> dict[Strip, dict[str, float | str]]:
+    def _references(self) -> dict[Strip, dict[str, float | str]]:
         """References computed so far."""
         return {}
 
     def one(self, run: Strip, job: Job) -> Record:
         """Return the ratios of a strip; what was not found is a text that says why."""
         same = replace(run, edge=0.1, layers=1)
-        if same not in self._found:
-            self._found[same] = _all(same, None, job.comm)
-        own, references = _all(run, SolidShell(kappa=run.kappa), job.comm), self._found[same]
-        found: dict[str, float | str] = {}
+        if same not in self._references:
+            self._references[same] = _all(same, None, job.comm)
+        own, references = _all(run, SolidShell(kappa=run.kappa), job.comm), self._references[same]
+        numbers: dict[str, float | str] = {}
         for name, value in own.items():
             reference = references[name]
             if isinstance(value, str):
-                found[name] = f"solid shell: {value}"
+                numbers[name] = f"solid shell: {value}"
             elif isinstance(reference, str):
-                found[name] = f"reference: {reference}"
+                numbers[name] = f"reference: {reference}"
             else:
-                found[name] = ratio_of(name, value, reference)
-        return {"strip": asdict(run), "label": self.label(run), "ratios": found}
+                numbers[name] = ratio_of(name, value, reference)
+        return {"strip": asdict(run), "label": self.label(run), "ratios": numbers}
 
-    def report(self, records: Sequence[Record], known: None) -> Report:
-        """Return all ratios, and how many pass."""
+    def report(self, records: Sequence[Record], reference: None) -> Report:
         lines: list[Row] = []
         counts = {"ratios": 0, "passed": 0, "not_found": 0}
         for record in records:
@@ -127,10 +127,7 @@ class Strips(Benchmark[Strip, None]):
             table=lines,
         )
 
-    def draw(self, records: Sequence[Record], known: None, out: Path) -> None:
-        """Draw all ratios."""
-        from valvefsi.post.plots.bending import ratio_points
-
+    def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
         ratio_points(out / "strips.png", [(record["strip"], record["ratios"]) for record in records])
 
 
@@ -140,21 +137,21 @@ def _bound(name: str) -> float:
 
 def _all(strip: Strip, shell: SolidShell | None, comm: MPI.Comm) -> dict[str, float | str]:
     """Return what is measured of a strip, with Taylor-Hood elements where no shell is meant (collective)."""
-    found: dict[str, float | str] = {}
+    numbers: dict[str, float | str] = {}
     for name, answer in answers(strip).items():
         counts = strip.counts if shell else reference_counts(name)
         try:
-            found[name] = answer(strip, counts, shell or TaylorHood(), comm)
+            numbers[name] = answer(strip, counts, shell or TaylorHood(), comm)
         except ConvergenceError as error:
-            found[name] = str(error)
-    return found
+            numbers[name] = str(error)
+    return numbers
 
 
 def _extremes(records: Sequence[Record]) -> Mapping[str, float]:
     """Return the smallest and largest ratio of each kind."""
-    found: dict[str, float] = {}
+    ends: dict[str, float] = {}
     for name in dict.fromkeys(name for record in records for name in record["ratios"]):
         values = [v for record in records if isinstance(v := record["ratios"].get(name), float)]
         if values:
-            found |= {f"{name}_min": min(values), f"{name}_max": max(values)}
-    return found
+            ends |= {f"{name}_min": min(values), f"{name}_max": max(values)}
+    return ends

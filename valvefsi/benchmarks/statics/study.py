@@ -212,9 +212,9 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
         series, quantities = self.series(records, reference), defaultdict[str, dict[str, float | None]](dict)
         for one in series:
             quantities[one.cell] |= one.numbers()
-        chosen = {"cell": self.cell, "elements": self.elements or self.coarsest, "refine": self.refine}
+        options = {"cell": self.cell, "elements": self.elements or self.coarsest, "refine": self.refine}
         return Report(
-            parameters=chosen | {"iterative": self.iterative} | self.values,
+            parameters=options | {"iterative": self.iterative} | self.values,
             quantities=quantities,
             reference={name: [vars(r) for r in refs] for name, refs in reference.items()},
             more={"levels": [public(record) for record in records]},
@@ -224,10 +224,8 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
     def draw(self, records: Sequence[Record], reference: References, out: Path) -> None:
         for cell, finest in _finest(records).items():
             if finest.get("_body") is not None:
-                caption, name = (
-                    f"{cell}, {finest['unknowns']:,} unknowns",
-                    cell.replace(",", "").replace(" ", "_"),
-                )
+                caption = f"{cell}, {finest['unknowns']:,} unknowns"
+                name = cell.replace(",", "").replace(" ", "_")
                 deformed(out / f"deformed_{name}.png", finest["_body"], title=self.title, caption=caption)
                 write_body(out / f"solid_{name}.vtu", finest["_body"])
         if self.refine:
@@ -263,7 +261,7 @@ class StaticParts(MeshOptions, Joined):
                 elements=self.elements,
                 overrides=self.overrides,
             )
-            for name, kind in self.chosen().items()
+            for name, kind in self.selection().items()
         }
 
     def parameters_of(self, results: Mapping[str, Result]) -> dict[str, Any]:
@@ -272,7 +270,7 @@ class StaticParts(MeshOptions, Joined):
         *_, last = results.values()
         return dict(last["parameters"]) | {"cell": self.cell}
 
-    def chosen(self) -> Mapping[str, type[Static]]:
+    def selection(self) -> Mapping[str, type[Static]]:
         """Return the kinds of benchmark that are run."""
         return self.parts
 

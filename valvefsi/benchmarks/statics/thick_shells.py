@@ -24,7 +24,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.optimize import brentq, minimize_scalar
 
-from valvefsi.benchmarks.options import Values
+from valvefsi.benchmarks.options import Values, quantities
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, StaticParts, answer_of
 from valvefsi.errors import CaseError
@@ -34,12 +34,7 @@ from valvefsi.solid.loads import Pressure
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.statics import TAYLOR_HOOD, NearlyIncompressible
 
-PARAMETERS = {
-    "pressure": (2.5e4, "dyn/cm^2"),
-    "c1": (1.0e5, "dyn/cm^2"),
-    "inner": (1.0, "cm"),
-    "outer": (1.5, "cm"),
-}
+PARAMETERS = quantities("pressure = 2.5e4 dyn/cm^2, c1 = 1e5 dyn/cm^2, inner = 1 cm, outer = 1.5 cm")
 DIM = {"cylinder": 2, "sphere": 3}
 AXES = {"cylinder": ("x_axis", "y_axis"), "sphere": ("x_plane", "y_plane", "z_plane")}
 NORMALS = {"x_axis": "y", "y_axis": "x", "x_plane": "x", "y_plane": "y", "z_plane": "z"}
@@ -71,16 +66,16 @@ def closed_form(shape: str, values: Values) -> tuple[float, float]:
         CaseError: The pressure is above what the shell can bear.
     """
     A, B = values["inner"], values["outer"]
-    wanted = values["pressure"] / values["c1"]
+    target = values["pressure"] / values["c1"]
     pressure: Callable[[float], float] = partial(
         cylinder_pressure if shape == "cylinder" else sphere_pressure, A=A, B=B
     )
     top = minimize_scalar(lambda g: -pressure(g), bounds=(0.0, 20.0 * A), method="bounded").x
-    if pressure(top) <= wanted:
+    if pressure(top) <= target:
         limit = f"{pressure(top) * values['c1']:.4g} dyn/cm^2"
-        message = f"the {shape} gives way below this pressure, at {limit}"
+        message = f"the {shape} collapses below this pressure, at {limit}"
         raise CaseError(message, file="--set", key="pressure", value=values["pressure"])
-    growth = brentq(lambda g: pressure(g) - wanted, 0.0, top, xtol=1e-15)
+    growth = brentq(lambda g: pressure(g) - target, 0.0, top, xtol=1e-15)
     n = DIM[shape]
     return growth, (B**n + (A + growth) ** n - A**n) ** (1 / n) - B
 

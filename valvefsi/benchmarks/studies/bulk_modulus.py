@@ -28,6 +28,7 @@ from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.geometry.shapes import box
 from valvefsi.grid import MacGrid
+from valvefsi.post.plots.bending import over_kappa
 from valvefsi.run.stable_step import measured_limit
 from valvefsi.solid import statics
 from valvefsi.solid.loads import Pressure
@@ -74,12 +75,10 @@ class BulkModulus(Benchmark[float, float]):
         return self.elements, self.elements, self.layers
 
     def check(self, values: Values) -> None:
-        """Refuse what is no patch."""
         Strip(thickness=self.thickness_cm, material=self.material)
         self.runs()
 
     def runs(self) -> list[float]:
-        """Return the bulk moduli [dyn/cm^2]."""
         try:
             kappas = [float(part) for part in self.kappas.split(",")]
         except ValueError:
@@ -89,15 +88,12 @@ class BulkModulus(Benchmark[float, float]):
         return kappas
 
     def references(self, comm: MPI.Comm) -> float:
-        """Return the deflection of the incompressible patch [cm] (collective)."""
         return self._deflection(self.solve((8, 8, 1), TaylorHood(), comm))
 
     def label(self, run: float) -> str:
-        """Return the bulk modulus."""
         return f"kappa {run:.3g} dyn/cm^2"
 
     def one(self, run: float, job: Job) -> Record:
-        """Return volume, shape and stable step."""
         solution = self.solve(self.counts, SolidShell(kappa=run), job.comm)
         rest, loaded = self.stable_steps(run, solution, job.comm)
         return {
@@ -152,7 +148,6 @@ class BulkModulus(Benchmark[float, float]):
         return measured_limit(model, STEP, 0), measured_limit(model, STEP, 0, at=loaded)
 
     def report(self, records: Sequence[Record], reference: float) -> Report:
-        """Return the numbers by bulk modulus."""
         quantities, table = {}, []
         for r in records:
             name = f"kappa {r['kappa']:.3g}"
@@ -178,9 +173,6 @@ class BulkModulus(Benchmark[float, float]):
         )
 
     def draw(self, records: Sequence[Record], reference: float, out: Path) -> None:
-        """Draw volume, shape and stable step over kappa."""
-        from valvefsi.post.plots.bending import over_kappa
-
         keys = [key for key, value in records[0].items() if isinstance(value, float)]
         columns = {key: np.array([r[key] for r in records]) for key in keys}
         columns["deflection_error_percent"] = 100 * (columns["deflection_cm"] / reference - 1)

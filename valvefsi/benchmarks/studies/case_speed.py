@@ -15,7 +15,7 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Record, Report
 from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import time_of_pair
+from valvefsi.benchmarks.running import in_turns, pace
 from valvefsi.errors import CaseError
 from valvefsi.fsi import Model, State
 from valvefsi.post import diagnostics
@@ -36,7 +36,7 @@ class TimedBody(Timed):
 
 
 def report(case: Path, overrides: Sequence[str], folder: Path | None, steps: int, comm: MPI.Comm) -> Report:
-    """Time steps of a case.
+    """Time steps of a case (collective).
 
     Args:
         case: Its file.
@@ -47,9 +47,6 @@ def report(case: Path, overrides: Sequence[str], folder: Path | None, steps: int
 
     Raises:
         CaseError: The case cannot be read or built, or there is no checkpoint.
-
-    Note:
-        Collective.
     """
     from valvefsi.case import load_case
     from valvefsi.case.build import build
@@ -83,17 +80,13 @@ def measure(simulation: Simulation, state: State, steps: int) -> Record:
     rate = comm.allreduce(diagnostics.local_courant_rate(model.grid, state.u), op=MPI.MAX)
     dt = simulation.schedule.next_dt(replace(state, dt_stable=limit), rate)
     times, parts, pairs = _march(model, state, dt, steps)
-    step, pair = float(np.median(times)), float(np.median(pairs))
     medians = {name: 1e3 * float(np.median([part[name] for part in parts])) for name in parts[0]}
     return {
         "cells": model.grid.cells,
         "ranks": comm.size,
         "threads": threads.count(),
         "dt": dt,
-        "step_ms": 1e3 * step,
-        "step_ms_range": [1e3 * min(times), 1e3 * max(times)],
-        "dct_pair_ms": 1e3 * pair,
-        "pairs_per_step": step / pair,
+        **pace(times, pairs),
         "parts_ms": medians,
         "stable_step_ms": 1e3 * stable,
     }
@@ -106,30 +99,26 @@ def _march(
     table: dict[str, float] = defaultdict(float)
     fluid: Any = Timed(model.fluid, table, {"advection": "advection", "step": "fluid solve"})
     bodies: Any = tuple(TimedBody(body, table) for body in model.bodies)
-    clocked, grid = replace(model, fluid=fluid, bodies=bodies), model.grid
-    times, parts, pairs = [], [], []
-    for _ in range(steps + 2):
+    clocked, parts = replace(model, fluid=fluid, bodies=bodies), []
+
+    def step() -> None:
+        nonlocal state
         table.clear()
-        grid.comm.barrier()
-        started = time.perf_counter()
         state = fsi.step(clocked, state, dt)
-        grid.comm.barrier()
-        times.append(time.perf_counter() - started)
-        parts.append({**table, "all else": times[-1] - sum(table.values())})
-        pairs.append(grid.comm.bcast(time_of_pair(grid.cells[: grid.dim]) if grid.comm.rank == 0 else None))
-    return times[2:], parts[2:], pairs[2:]
+        parts.append(dict(table))
+
+    times, pairs = in_turns(step, model.grid, steps)
+    whole = [part | {"all else": t - sum(part.values())} for part, t in zip(parts[2:], times, strict=True)]
+    return times, whole, pairs
 
 
 def _table(record: Record) -> list[Row]:
     """Lines for the step and each of its parts, in milliseconds and in pairs."""
     cells = " x ".join(map(str, record["cells"]))
-    parts = {f"step, {cells} cells": record["step_ms"], **record["parts_ms"]}
-    rows = []
-    for name, value in parts.items():
-        pairs = value / record["dct_pair_ms"]
-        rows.append(
-            row(name, value, None, f"{pairs:.2f} pairs, {100 * value / record['step_ms']:.0f} %", unit="ms")
-        )
-    rows.append(row("pair of transforms", record["dct_pair_ms"], None, unit="ms"))
-    rows.append(row("measuring the stable step", record["stable_step_ms"], None, unit="ms"))
-    return rows
+    parts, step, pair = record["parts_ms"], record["step_ms"], record["dct_pair_ms"]
+    rows = [
+        row(name, value, None, f"{value / pair:.2f} pairs, {100 * value / step:.0f} %", unit="ms")
+        for name, value in {f"step, {cells} cells": step, **parts}.items()
+    ]
+    rest = {"pair of transforms": pair, "measuring the stable step": record["stable_step_ms"]}
+    return [*rows, *(row(name, value, unit="ms") for name, value in rest.items())]

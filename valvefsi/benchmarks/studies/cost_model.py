@@ -1,8 +1,8 @@
 """Cost of a fluid step on many cores: counts of work and messages times constants measured on this machine.
 
 Only the busiest rank is counted: n0 n1 N cells of a cube of N cells along each axis on p0 p1 ranks, ghosts computed
-along with them where a kernel does so. The constants are times of one core per entry (advection, everything that
-streams) and per cell and level (transforms with elimination); no core waits for another but in messages, which cost
+along with them where a kernel does so. The constants are times of one core per entry (advection, all other passes over
+memory) and per cell and level (transforms with elimination); no core waits for another but in messages, which cost
 latency + bytes / bandwidth each, one after the other.
 
 Flops and bytes are those that the formulas need, each array read once per kernel; they say what to expect of the
@@ -41,7 +41,7 @@ class Machine:
 
     Attributes:
         advection: Per entry [s].
-        streams: All that streams, per entry [s].
+        streams: All other passes over memory, per entry [s].
         transforms: Those of a solve, per cell and log2 N [s].
         packing: Copies of a transpose between ranks, per cell [s].
     """
@@ -130,7 +130,7 @@ def _messages(block: tuple[int, int, int], ranks: tuple[int, int], solves: int) 
             face = math.prod(m + 2 * GHOSTS for a, m in enumerate(block) if a != axis)
             layers = (
                 3 * 1 + 2 * 1 + 3 * GHOSTS
-            )  # u* and then both pressures one deep, the velocity as deep as it goes
+            )  # u*, both pressures one deep, the velocity as deep as it goes
             messages += 2 * 3 + 2 * solves * (p - 1)
             sent += 8.0 * (2 * layers * face + 2 * solves * cells * (p - 1) / p)
     return messages, sent

@@ -24,7 +24,7 @@ LIMIT = 2.0
 def measure(
     comm: MPI.Comm = MPI.COMM_WORLD, *, elements: Sequence[int] = (14, 14, 14), repeats: int = 40
 ) -> dict[str, Any]:
-    """Time the forces of linear tetrahedra of HGO material, one family of fibres, on one core.
+    """Time the forces of linear tetrahedra of HGO material, one family of fibres, on one core (collective).
 
     The two take turns, so that a busy machine disturbs both; the fastest call of each counts.
 
@@ -36,9 +36,6 @@ def measure(
     Returns:
         ``cells``, ``form_ns`` and ``loop_ns`` per cell, ``ratio``, ``difference`` of the forces relative to the
         largest, and ``row`` for the table of a benchmark; the same on all ranks.
-
-    Note:
-        Collective.
     """
     return comm.bcast(_measure(elements, repeats) if comm.rank == 0 else None)
 

@@ -9,7 +9,6 @@ a larger ratio the error is also that of a coarser mesh.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 
@@ -19,11 +18,10 @@ from mpi4py import MPI
 from valvefsi.benchmarks.frame import Job, Record
 from valvefsi.benchmarks.immersed import compression, cook, shell
 from valvefsi.benchmarks.immersed.compression import BOX, LENGTH
-from valvefsi.benchmarks.immersed.numerics import Numerics
-from valvefsi.benchmarks.immersed.study import GridStudy
-from valvefsi.benchmarks.options import Parameters, Values, changed, texts
+from valvefsi.benchmarks.immersed.study import GridStudy, Numerics
+from valvefsi.benchmarks.options import Parameters, Values, changed, defaults, texts
 from valvefsi.benchmarks.running import History, late_mean, late_size
-from valvefsi.benchmarks.statics.compression import StaticCompression
+from valvefsi.benchmarks.statics.solids import StaticCompression
 from valvefsi.benchmarks.statics.study import Mesh
 from valvefsi.errors import StabilityError
 
@@ -37,13 +35,18 @@ Measures = dict[str, float | None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyProblem(ABC):
-    """A problem of the study.
+class StudyProblem:
+    """A problem of the study, its functions among its attributes.
 
     Attributes:
         name: Its name.
         title: Its heading in pictures.
         grid: Default number of cells along the box.
+        parameters: Default and unit of what ``--set`` reaches.
+        ratio: Element size over grid spacing that whole elements give.
+        reference: The value that the error is taken against (collective).
+        run: The record of one run: ``quantities``, and ``failed`` (collective).
+        measures: What is put into the table, from the quantities of a run and the reference.
         stabilised: Whether the volumetric energy makes a difference: both kinds are run, else only one without.
         leak: Change of the solid's area from which on the run counts as leaking [%].
         floor: Error below which runs count as equally good, as their references are no better [%].
@@ -52,46 +55,21 @@ class StudyProblem(ABC):
     name: str
     title: str
     grid: int
+    parameters: Parameters
+    ratio: Callable[[Numerics], float]
+    reference: Callable[[Values, MPI.Comm], float]
+    run: Callable[[Numerics, Values, Job], Record]
+    measures: Callable[[Mapping[str, float], float], Measures]
     stabilised: bool = True
     leak: float = 1.0
     floor: float = 1.0
-
-    @property
-    @abstractmethod
-    def parameters(self) -> Parameters:
-        """Default and unit of what ``--set`` reaches."""
-
-    @abstractmethod
-    def reference(self, values: Values, comm: MPI.Comm) -> float:
-        """Return the value that the error is taken against (collective)."""
-
-    @abstractmethod
-    def run(self, numerics: Numerics, values: Values, job: Job) -> Record:
-        """Return the record of one run: ``quantities``, and ``failed`` (collective)."""
-
-    @abstractmethod
-    def measures(self, q: Mapping[str, float], reference: float) -> Measures:
-        """Return what is put into the table, from the quantities of a run and the reference."""
-
-    @abstractmethod
-    def ratio(self, numerics: Numerics) -> float:
-        """Return element size over grid spacing that whole elements give."""
 
 
 def run_halving(problem: StudyProblem, numerics: Numerics, values: Values, job: Job) -> Record:
     """Run a problem once; where the step is what it breaks down by, again with half of it, `HALVINGS` times at most.
 
-    Args:
-        problem: The problem.
-        numerics: How it is discretised.
-        values: Its parameters in CGS.
-        job: Where it runs; shorter steps have the divisor of the step in the name of their folder.
-
-    Returns:
-        The record of the last of these runs, with ``halvings``.
-
-    Note:
-        Collective.
+    Shorter steps have the divisor of the step in the name of their folder. The record is that of the last of these
+    runs, with ``halvings`` (collective).
     """
     for k in range(HALVINGS + 1):
         folder = job.folder if k == 0 else job.folder.with_name(f"{job.folder.name}-step{2**k}")
@@ -125,15 +103,12 @@ class QuickBlock(compression.BlockSeries):
     def settings(self, numerics: Numerics) -> Values:
         values = self.values
         steps = round(values["t_end"] * numerics.grid / (values["dt_per_h"] * BOX))
+        every = {"history_every": max(1, steps // 300), "checkpoint_every": 0, "frames": 0}
         more = {"time.dt": values["t_end"] / steps, "fluid.viscous": "implicit"}
-        more |= {
-            "output.history_every": max(1, steps // 300),
-            "output.checkpoint_every": 0,
-            "output.frames": 0,
-        }
+        more |= {f"output.{key}": number for key, number in every.items()}
         if numerics.coupling != "nodal":
-            more["solid.block.coupling"] = "elemental"
-            more["solid.block.mass"] = "lumped" if numerics.coupling == "lumped" else "consistent"
+            mass = "lumped" if numerics.coupling == "lumped" else "consistent"
+            more |= {"solid.block.coupling": "elemental", "solid.block.mass": mass}
         return values | more
 
     def quantities(self, history: History) -> dict[str, float]:
@@ -158,101 +133,89 @@ class QuickCook(cook.Cook):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class LoadedBody(StudyProblem):
-    """The problem of a grid study.
+def loaded(
+    study: type[GridStudy],
+    grid: int,
+    edges: tuple[float, float],
+    elements: Callable[[Numerics], int],
+    title: str,
+) -> StudyProblem:
+    """Return the problem of a grid study.
 
-    Attributes:
+    Args:
         study: The grid study.
-        length: Length along which elements are counted [cm].
-        box: Edge of the box [cm].
+        grid: Default number of cells along the box.
+        edges: Length along which elements are counted, and edge of the box [cm].
         elements: Number of elements along that length.
+        title: Its heading in pictures.
     """
 
-    study: type[GridStudy]
-    length: float
-    box: float
-    elements: Callable[[Numerics], int]
+    def of(values: Values) -> GridStudy:
+        return study(overrides=texts(values))
 
-    @property
-    def parameters(self) -> Parameters:
-        return self.study.parameters
-
-    def of(self, values: Values) -> GridStudy:
-        """Return the study with these values."""
-        return self.study(overrides=texts(values))
-
-    def reference(self, values: Values, comm: MPI.Comm) -> float:
-        return self.of(values).incompressible(Numerics(grid=self.grid), comm)[0]
-
-    def run(self, numerics: Numerics, values: Values, job: Job) -> Record:
-        return self.of(values).one(numerics, job)
-
-    def measures(self, q: Mapping[str, float], reference: float) -> Measures:
+    def measures(q: Mapping[str, float], reference: float) -> Measures:
         return {
-            "error_percent": 100.0 * (q[self.study().key] - reference) / abs(reference),
+            "error_percent": 100.0 * (q[study().key] - reference) / abs(reference),
             "change_percent": q["change_percent"],
             "J_spread": max(abs(q["J_min"] - 1.0), abs(q["J_max"] - 1.0)),
             "u_max_cm_s": None,
         }
 
-    def ratio(self, numerics: Numerics) -> float:
-        return self.length / self.elements(numerics) * numerics.grid / self.box
+    return StudyProblem(
+        name=study.name,
+        title=title,
+        grid=grid,
+        parameters=study.parameters,
+        ratio=lambda numerics: edges[0] / elements(numerics) * numerics.grid / edges[1],
+        reference=lambda values, comm: of(values).incompressible(Numerics(grid=grid), comm)[0],
+        run=lambda numerics, values, job: of(values).one(numerics, job),
+        measures=measures,
+    )
 
 
-@dataclass(frozen=True, kw_only=True)
-class RestingShell(StudyProblem):
-    """The shell at rest; the reference is the L2 norm of the exact pressure."""
-
-    @property
-    def parameters(self) -> Parameters:
-        return shell.PARAMETERS
-
-    def reference(self, values: Values, comm: MPI.Comm) -> float:
-        s = (np.arange(400) + 0.5) / 400 - 0.5
-        p = shell.exact_pressure(np.hypot(*np.meshgrid(s, s)), values["radius"], values["wall"])
-        return float(np.sqrt((p**2).mean()))
-
-    def run(self, numerics: Numerics, values: Values, job: Job) -> Record:
-        failed, q = None, {}
-        try:
-            q = {k: float(value) for k, value in shell.shell_at_rest(numerics, values, job.comm).items()}
-        except StabilityError as error:
-            failed = str(error)
-        if not all(math.isfinite(value) for value in q.values()):
-            failed, q = "the velocity is not finite at the end", {}
-        return {"numerics": asdict(numerics), "quantities": q, "failed": failed}
-
-    def measures(self, q: Mapping[str, float], reference: float) -> Measures:
-        return {
-            "error_percent": 100.0 * q["p_L2"] / reference,
-            "change_percent": abs(q["area_change_percent"]),
-            "J_spread": None,
-            "u_max_cm_s": q["u_max"],
-        }
-
-    def ratio(self, numerics: Numerics) -> float:
-        wall = shell.PARAMETERS["wall"][0] * numerics.grid
-        return wall / max(1, round(wall / numerics.ratio))
+def pressure_norm(values: Values, comm: MPI.Comm) -> float:
+    """Return the L2 norm of the exact pressure of the shell at rest [dyn/cm^2]."""
+    s = (np.arange(400) + 0.5) / 400 - 0.5
+    p = shell.exact_pressure(np.hypot(*np.meshgrid(s, s)), values["radius"], values["wall"])
+    return float(np.sqrt((p**2).mean()))
 
 
-COMPRESSION = LoadedBody(
-    name="compression",
-    title="compressed block",
-    grid=48,
-    study=QuickBlock,
-    length=LENGTH,
-    box=BOX,
-    elements=block_elements,
+def shell_run(numerics: Numerics, values: Values, job: Job) -> Record:
+    """Return the record of the shell at rest (collective)."""
+    failed, q = None, {}
+    try:
+        q = {k: float(value) for k, value in shell.shell_at_rest(numerics, values, job.comm).items()}
+    except StabilityError as error:
+        failed = str(error)
+    if not all(math.isfinite(value) for value in q.values()):
+        failed, q = "the velocity is not finite at the end", {}
+    return {"numerics": asdict(numerics), "quantities": q, "failed": failed}
+
+
+def shell_measures(q: Mapping[str, float], reference: float) -> Measures:
+    """Return error, change of area and spurious velocity of the shell at rest."""
+    error, change = 100.0 * q["p_L2"] / reference, abs(q["area_change_percent"])
+    return {"error_percent": error, "change_percent": change, "J_spread": None, "u_max_cm_s": q["u_max"]}
+
+
+def shell_ratio(numerics: Numerics) -> float:
+    """Return element size over grid spacing of whole elements through the shell's wall."""
+    wall = defaults(shell.PARAMETERS)["wall"] * numerics.grid
+    return wall / max(1, round(wall / numerics.ratio))
+
+
+COMPRESSION = loaded(QuickBlock, 48, (LENGTH, BOX), block_elements, "compressed block")
+COOK = loaded(QuickCook, 25, ((4.8 * 3.0) ** 0.5, cook.BOX), cook.elements, "Cook's membrane")
+SHELL = StudyProblem(
+    name="shell",
+    title="shell at rest",
+    grid=64,
+    parameters=shell.PARAMETERS,
+    ratio=shell_ratio,
+    reference=pressure_norm,
+    run=shell_run,
+    measures=shell_measures,
+    stabilised=False,
+    leak=1.0e-3,
 )
-COOK = LoadedBody(
-    name="cook",
-    title="Cook's membrane",
-    grid=25,
-    study=QuickCook,
-    length=(4.8 * 3.0) ** 0.5,
-    box=cook.BOX,
-    elements=cook.elements,
-)
-SHELL = RestingShell(name="shell", title="shell at rest", grid=64, stabilised=False, leak=1.0e-3)
 PROBLEMS = {problem.name: problem for problem in (COMPRESSION, COOK, SHELL)}

@@ -1,11 +1,13 @@
 """Speed of the fluid step: phases, and the ratio to a fast cosine transform of the same grid in the same run.
 
 One pair is scipy.fft.dctn and idctn of the grid on one thread: a yardstick that moves with the machine. The bytes that
-a step must move, over its time, compare with the bandwidth of a triad on all ranks at once.
+a step must move, over its time, compare with the bandwidth of a triad on all ranks at once. What a planned run would
+take on other numbers of ranks follows by the cost model for the fluid, in equal shares for the solids.
 """
 
 from __future__ import annotations
 
+import itertools
 import resource
 import time
 from collections import defaultdict
@@ -18,10 +20,12 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, Result, Session, public
-from valvefsi.benchmarks.options import Parameters, Values, defaults, option
+from valvefsi.benchmarks.options import Values, defaults, option, quantities
 from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import time_of_pair
+from valvefsi.benchmarks.running import in_turns, pace
 from valvefsi.benchmarks.studies import case_speed, cost_model, elastic_speed
+from valvefsi.benchmarks.studies.against import Against
+from valvefsi.bodies.body import Entry
 from valvefsi.errors import CaseError
 from valvefsi.fluid.advection import SCHEMES
 from valvefsi.fluid.boundary import Boundary, Wall
@@ -30,13 +34,11 @@ from valvefsi.grid import Faces, MacGrid
 from valvefsi.runtime import threads
 from valvefsi.runtime.clock import Timed
 
-PARAMETERS: Parameters = {
-    "rho": (1.0, "g/cm^3"),
-    "mu": (0.01, "dyn*s/cm^2"),
-    "cfl": (0.3, "1"),
-    "advection": ("centred", tuple(SCHEMES)),
-    "viscous": ("implicit", ("implicit", "explicit")),
-}
+PARAMETERS = quantities(
+    "rho = 1 g/cm^3, mu = 0.01 dyn*s/cm^2, cfl = 0.3",
+    advection=("centred", tuple(SCHEMES)),
+    viscous=("implicit", ("implicit", "explicit")),
+)
 PARTS = ("viscous solves", "pressure solve", "ghosts", "right-hand side", "projection")
 CALIBRATION = 96
 """Cells along each axis of the grid from which the cost model takes the constants of one core."""
@@ -66,24 +68,43 @@ class Speed(Benchmark[int, Yardsticks]):
         "", "A case instead of grids: its step by parts; --set is of the case.", metavar="CASE.toml"
     )
     state: str = option("", "With --case: begin from the newest checkpoint of this run.", metavar="FOLDER")
+    against: str = option(
+        "", "Another commit: its step and this one's in turns, in processes of their own.", metavar="REV"
+    )
+    turns: int = option(6, "With --against: processes of each of both.", least=2)
 
     def check(self, values: Values) -> None:
         if self.model and self.dim == 2:
             raise CaseError("the cost model is of three dimensions", key="--model", value="--dim 2")
         if self.state and not self.case:
-            raise CaseError("a state is that of a case; give --case", key="--state", value=self.state)
+            raise CaseError("a state is that of a case; use --case", key="--state", value=self.state)
 
     def read(self) -> Values:
-        """Read the parameters; those of a case are in its file."""
         return defaults(self.parameters) if self.case else super().read()
 
     def execute(self, session: Session) -> Result:
-        """Time grids, or a case, see `Command.run`."""
+        if self.against:
+            return self.written(self._compared(session), session)
         if not self.case:
             return super().execute(session)
         folder = Path(self.state) if self.state else None
         report = case_speed.report(Path(self.case), self.overrides, folder, self.steps, session.comm)
         return self.written(report, session)
+
+    def _compared(self, session: Session) -> Report:
+        """Time the step of another commit and of this one in turns."""
+        if session.comm.size > 1:
+            raise CaseError(
+                "the processes are of one rank: leave mpirun", key="--against", value=self.against
+            )
+        shared = ["--steps", str(self.steps), *(word for text in self.overrides for word in ("--set", text))]
+        subjects = {f"{n}^{self.dim} cells": ["--sizes", str(n), "--dim", str(self.dim)] for n in self.sizes}
+        if self.case:
+            state = ["--state", str(Path(self.state).resolve())] if self.state else []
+            subjects = {Path(self.case).name: ["--case", str(Path(self.case).resolve()), *state]}
+        commits = Against(rev=self.against, turns=self.turns)
+        whole = {name: [*words, *shared] for name, words in subjects.items()}
+        return commits.compare(whole, session.announce)
 
     @property
     def solves(self) -> int:
@@ -186,18 +207,15 @@ def measure(cells: tuple[int, ...], steps: int, parameters: Values, comm: MPI.Co
     phases: dict[str, float] = defaultdict(float)
     dt = min(parameters["cfl"] / n, fluid.dt_limit)
     times, pairs = _march(fluid, dt, steps, phases)
-    step, pair = float(np.median(times)), float(np.median(pairs))
+    step = float(np.median(times))
     grown = comm.allreduce((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024.0)
     return {
         "N": n,
         "cells": n**dim,
         "ranks": comm.size,
         "threads": threads.count(),
-        "step_ms": 1e3 * step,
-        "step_ms_range": [1e3 * min(times), 1e3 * max(times)],
+        **pace(times, pairs),
         "set_up_ms": 1e3 * set_up,
-        "dct_pair_ms": 1e3 * pair,
-        "pairs_per_step": step / pair,
         "cell_steps_per_s": n**dim / step,
         # The process grows by its largest grid so far: no number for a grid that is small beside the rest.
         "memory_growth_float64_per_cell": grown / 8.0 / n**dim if n**dim > 10**6 else None,
@@ -211,38 +229,33 @@ def _traffic(n: int, dim: int, step: float, parameters: Values, comm: MPI.Comm) 
     if dim == 2:
         return {}
     count = cost_model.work(n, comm.size, solves=solves_of(parameters), advection=parameters["advection"])
-    moved, triad = count.bytes, cost_model.triad_bandwidth(comm)
+    volume, triad = count.bytes, cost_model.triad_bandwidth(comm)
     return {
-        "bytes_per_step": moved,
-        "gigabytes_per_s": 1e-9 * moved / step,
+        "bytes_per_step": volume,
+        "gigabytes_per_s": 1e-9 * volume / step,
         "triad_gigabytes_per_s": 1e-9 * triad,
-        "part_of_triad": moved / step / triad,
+        "part_of_triad": volume / step / triad,
     }
 
 
 def _march(
     fluid: NavierStokes, dt: float, steps: int, phases: dict[str, float]
 ) -> tuple[list[float], list[float]]:
-    """Take two steps and then ``steps`` more; return their times on all ranks together, and those of pairs after them.
-
-    Pairs and steps take turns, so that a load on the machine that comes and goes slows both [s].
-    """
+    """Take two steps and then ``steps`` more; return their times and those of pairs after them [s]."""
     grid = fluid.grid
-    clocked = _clock(fluid, phases)
+    clocked, count = _clock(fluid, phases), itertools.count()
     u, p, f = fluid.fill(_swirl(grid), 0.0), grid.zeros(), grid.zero_faces()
-    N_old, times, pairs = fluid.advection(u), [], []
-    for k in range(steps + 2):
-        if k == 2:
+    N_old = fluid.advection(u)
+
+    def step() -> None:
+        nonlocal u, p, N_old
+        if (k := next(count)) == 2:
             phases.clear()
-        grid.comm.barrier()
-        started = time.perf_counter()
         N = clocked.advection(u)
         u, p = clocked.step(u, p, (N, N_old, 1.0), f, k * dt, dt)
         N_old = N
-        grid.comm.barrier()
-        times.append(time.perf_counter() - started)
-        pairs.append(grid.comm.bcast(time_of_pair(grid.cells[: grid.dim]) if grid.comm.rank == 0 else None))
-    return times[2:], pairs[2:]
+
+    return in_turns(step, grid, steps)
 
 
 def _swirl(grid: MacGrid) -> Faces:
@@ -283,3 +296,49 @@ def _exclusive(phases: dict[str, float]) -> dict[str, float]:
         if inside:
             phases[name] -= inside
     return {**phases, **({"transposes": moves} if moves else {}), "all else": rest}
+
+
+RANKS = (2, 64, 512)
+"""Numbers of ranks that a plan is made for."""
+
+
+def on_more_ranks(
+    plan: Sequence[Entry], comm: MPI.Comm, *, advection: str, viscous: str, ranks: Sequence[int] = RANKS
+) -> list[Entry]:
+    """Return the expected time of a planned run on other numbers of ranks, none where the grid is too small.
+
+    The fluid's part of a step grows or shrinks as the cost model says for a cube of as many cells; the network between
+    machines is assumed there. The solids' part is divided by the number of ranks, and so is the memory of the fields.
+
+    Args:
+        plan: The plan on the ranks of ``comm``, of a case in three dimensions.
+        comm: Communicator of the plan.
+        advection: Advection scheme.
+        viscous: "implicit" or "explicit".
+        ranks: Numbers of ranks.
+
+    Note:
+        Collective.
+    """
+    value = {entry.quantity: float(entry.value) for entry in plan if not isinstance(entry.value, str)}
+    step, share = value["time of a step"] * 1e-3, value["fluid's part of a step"] / 100.0
+    n, steps = round(value["cells"] ** (1.0 / 3.0)), value["steps"]
+    parameters = defaults(PARAMETERS) | {"advection": advection, "viscous": viscous}
+    machine, network = machine_here(parameters, comm), cost_model.Network()
+    solves = 4 if viscous == "implicit" else 1
+
+    def fluid(count: int) -> float:
+        work = cost_model.work(n, count, solves=solves, advection=advection)
+        return cost_model.predict(work, machine, network)["step"]
+
+    entries, here = [], fluid(comm.size)
+    for count in ranks:
+        try:
+            each = step * (share * fluid(count) / here + (1.0 - share) * comm.size / count)
+        except ValueError:  # too many ranks for the grid
+            continue
+        note = f"{1e3 * each:.3g} ms a step" + ("" if count == comm.size else ", predicted")
+        entries.append(
+            Entry(quantity=f"on {count} ranks", value=each * steps, unit="s", note=note, wall=True)
+        )
+    return entries

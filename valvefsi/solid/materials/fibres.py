@@ -31,6 +31,7 @@ from valvefsi.solid.materials.kinematics import Kinematics
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from _typeshed import DataclassInstance
     from ufl.core.expr import Expr
 
     from valvefsi.solid.materials.laws import Material
@@ -327,7 +328,7 @@ def check_fibres(mesh: Mesh, material: Material) -> None:
             raise CaseError(message, file=mesh.source, key="sheet", value=pair[1])
 
 
-def directions(material: object) -> Iterator[Direction]:
+def directions(material: Material | DataclassInstance) -> Iterator[Direction]:
     """Give every direction that a material declares, those of its tables too."""
     for item in fields(material) if is_dataclass(material) else ():
         value, kind = getattr(material, item.name), item.metadata.get("kind")

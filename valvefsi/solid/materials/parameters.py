@@ -8,6 +8,7 @@ from dataclasses import MISSING, field, fields
 from typing import TYPE_CHECKING, Any
 
 from valvefsi.errors import CaseError
+from valvefsi.types import Unchecked
 
 Direction = str | float | tuple[float, ...]
 """A direction in the reference state: the name of a fibre field of the mesh (or, in a case, "45 deg from
@@ -70,7 +71,7 @@ def check_parameters(material: DataclassInstance) -> None:
             check_number(item.name, value, item.metadata)
 
 
-def check_number(name: str, value: object, about: Mapping[str, Any] | None = None) -> None:
+def check_number(name: str, value: Unchecked, about: Mapping[str, Any] | None = None) -> None:
     """Refuse what is not a finite number in the range that ``about`` tells, not negative without one."""
     about = about or {}
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
@@ -84,14 +85,14 @@ def check_number(name: str, value: object, about: Mapping[str, Any] | None = Non
         raise CaseError(f"expected a number of at least {minimum:g}{upper}", key=name, value=value)
 
 
-def _check_table(material: DataclassInstance, name: str, value: object, item: type) -> None:
+def _check_table(material: DataclassInstance, name: str, value: Unchecked, item: type) -> None:
     """Store a list of ``item`` as a tuple; refuse anything else."""
     if not isinstance(value, list | tuple) or not all(isinstance(entry, item) for entry in value):
         raise CaseError(f"expected a list of {item.__name__}", key=name, value=value)
     object.__setattr__(material, name, tuple(value))
 
 
-def checked_direction(value: object, name: str) -> Direction:
+def checked_direction(value: Unchecked, name: str) -> Direction:
     """Return a direction with a vector made unit; refuse one that is none.
 
     Raises:
