@@ -49,7 +49,8 @@ INSIDE = {
         {"members", "stages", "bench_start", "comparison"},
         {"runner", "loop_stages"},
         {"planning", "sweep", "beats"},
-        {"sweep_picture", "validation"},
+        {"sweep_picture", "validation", "grid_study"},
+        {"grid_numbers", "grid_report"},
     ],
     "benchmarks": [
         {"options", "references", "results"},

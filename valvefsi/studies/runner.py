@@ -217,6 +217,31 @@ def run_members(
         return _Runner(command, tasks, jobs or cores(), progress).run()
 
 
+def waiting_members(
+    case: Path,
+    members: Sequence[Member],
+    folder: Path,
+    *,
+    resume: bool = False,
+    overwrite: bool = False,
+    trust: bool = False,
+) -> list[Member]:
+    """Return the members that `run_members` would run, without touching anything.
+
+    Raises:
+        CaseError: As `run_members` would.
+    """
+    folder, cases = Path(folder), read_cases(case, members, trust=trust)
+    if overwrite:
+        return list(members)
+    tasks = [_Task(member, folder / member.name, cases[member.name]) for member in members]
+    for task in tasks:
+        task.standing = standing(task.folder, task.member, task.case)
+    if not resume:
+        _refuse_to_go_on(folder, tasks)
+    return [task.member for task in tasks if task.standing != "done"]
+
+
 def _clear(folder: Path) -> None:
     """Remove what an earlier run would be taken for, unless it is still running."""
     if folder.exists():
