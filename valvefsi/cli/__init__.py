@@ -31,6 +31,7 @@ from valvefsi.cli.new import new
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
+from valvefsi.cli.sample import sample
 from valvefsi.cli.sweep import sweep
 from valvefsi.cli.validate import validate
 from valvefsi.cli.verify import verify
@@ -59,6 +60,7 @@ app.command()(compare)
 app.command()(doctor)
 app.command()(validate)
 app.command()(verify)
+app.command()(sample)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 app.add_typer(mesh, name="mesh")
