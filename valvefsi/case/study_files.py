@@ -37,9 +37,9 @@ def read_study(path: Path, overrides: Sequence[str], kind: type[T], files: Seque
         found = raw if not place else raw.get(place)
         several = found if isinstance(found, list) else [found]
         for number, table in enumerate(several):
-            parts = [place, str(number) if isinstance(found, list) else "", key]
-            where = ".".join(part for part in parts if part)
             if isinstance(table, dict) and isinstance(table.get(key), str):
+                item = str(table.get("name", number)) if isinstance(found, list) else ""
+                where = ".".join(part for part in (place, item, key) if part)
                 _make_absolute(table, key, path, where, "--set" if where in changed else path)
     try:
         return kind.model_validate(raw)

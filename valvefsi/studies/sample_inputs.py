@@ -190,33 +190,15 @@ def _fitted(fit: FittedInputs) -> list[Group]:
     )
     largest = float(np.abs(correlation - np.eye(len(names))).max())
     if fit.joint and len(names) > 1:
-        root = np.linalg.cholesky(correlation)
-
-        def together(u: Array) -> Array:
-            z = ndtri(u) @ root.T
-            return np.stack([law(z[:, k]) for k, law in enumerate(laws)], axis=1)
-
-        full = tuple(f"{fit.name}.{name}" for name in names)
-        one = Group(
-            name=fit.name,
-            names=full,
-            keys=tuple(fit.keys.values()),
-            units=tuple(units),
-            germ="normal",
-            num_variates=len(names),
-            values=together,
-            notes=(
-                *notes,
-                f"{fit.name}: correlated by up to {largest:.2g}; its indices are those of all together",
-            ),
-        )
-        return [one]
+        said = f"{fit.name}: correlated by up to {largest:.2g}; its indices are those of all together"
+        return [_together(fit, laws, units, correlation, (*notes, said))]
     if largest > ALONE:
         message = (
             f"parameters are correlated by {largest:.2g}, more than {ALONE:g}: they cannot be taken alone"
         )
         raise CaseError(message, file=fit.file, key=f"fit.{fit.name}.joint", value=False)
-    left_out = (f"{fit.name}: correlations of up to {largest:.2g} are left out",) if len(names) > 1 else ()
+    if len(names) > 1:
+        notes = (*notes, f"{fit.name}: correlations of up to {largest:.2g} are left out")
     return [
         Group(
             name=f"{fit.name}.{name}",
@@ -226,10 +208,36 @@ def _fitted(fit: FittedInputs) -> list[Group]:
             germ="normal",
             num_variates=1,
             values=_alone(laws[k]),
-            notes=(*notes, *left_out) if k == 0 else (),
+            notes=notes if k == 0 else (),
         )
         for k, name in enumerate(names)
     ]
+
+
+def _together(
+    fit: FittedInputs,
+    laws: Sequence[Fitted],
+    units: Sequence[str],
+    correlation: Array,
+    notes: tuple[str, ...],
+) -> Group:
+    """Return the parameters of a fit as one group, correlated as the fit says."""
+    root = np.linalg.cholesky(correlation)
+
+    def values(u: Array) -> Array:
+        z = ndtri(u) @ root.T
+        return np.stack([law(z[:, k]) for k, law in enumerate(laws)], axis=1)
+
+    return Group(
+        name=fit.name,
+        names=tuple(f"{fit.name}.{name}" for name in fit.keys),
+        keys=tuple(fit.keys.values()),
+        units=tuple(units),
+        germ="normal",
+        num_variates=len(laws),
+        values=values,
+        notes=notes,
+    )
 
 
 def _alone(law: Fitted) -> Callable[[Array], Array]:
