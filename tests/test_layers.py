@@ -46,10 +46,12 @@ INSIDE = {
     ],
     "post": [{"diagnostics", "valve_record"}, {"valve_numbers", "plots"}, {"movies"}],
     "studies": [
-        {"members", "stages", "bench_start", "comparison"},
+        {"members", "stages", "bench_start", "comparison", "polynomial_chaos", "sobol_design"},
         {"runner", "loop_stages"},
-        {"planning", "sweep", "beats"},
-        {"sweep_picture", "validation"},
+        {"planning", "sweep", "beats", "sample_inputs", "circuit_samples"},
+        {"sweep_picture", "validation", "grid_study"},
+        {"grid_numbers", "grid_report", "sampling"},
+        {"sample_runs", "sample_report"},
     ],
     "benchmarks": [
         {"options", "references", "results"},
@@ -86,6 +88,7 @@ FENCES = {
     "dolfinx_solver": ("runtime/dolfinx_compat.py",),
     "numba": KERNELS,
     "gmsh": ("geometry/*",),
+    "SALib": ("studies/sobol_design.py",),
     **dict.fromkeys(("pydantic", "pint", "typer", "rich"), BORDER),
 }
 MODULE_LINES, FUNCTION_LINES, KERNEL_LINES, ARGUMENTS = 450, 40, 60, 8

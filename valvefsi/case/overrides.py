@@ -10,7 +10,7 @@ from typing import Any
 from valvefsi.errors import CaseError
 from valvefsi.types import Unchecked
 
-ALTERNATIVES = {"time.dt": "dt_per_h", "time.dt_per_h": "dt"}
+ALTERNATIVES = {"time.dt": "dt_per_h", "time.dt_per_h": "dt", "grid.h": "cells", "grid.cells": "h"}
 """Setting the one takes the other away."""
 
 

@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
-from valvefsi.case.includes import read_toml
-from valvefsi.case.overrides import apply_overrides
 from valvefsi.case.quantities import Angle, Length, Quantity, Time
-from valvefsi.case.reading import nearest_file, one_line
+from valvefsi.case.study_files import read_study
 from valvefsi.case.table import Name, Table, problem
-from valvefsi.errors import CaseError
 
 Resistance = Annotated[float, Quantity("dyn*s/cm^5")]
 Compliance = Annotated[float, Quantity("cm^5/dyn")]
@@ -174,28 +171,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> ValidationStu
     Raises:
         CaseError: One line with file, key, value and the nearest valid choice.
     """
-    path = Path(path)
-    if not path.exists():
-        raise CaseError(f"no such study{nearest_file(path, '.toml', 0.5)}", file=path)
-    raw = read_toml(path)
-    changed = apply_overrides(raw, overrides)
-    for place in ("", "record", "leaflet"):
-        key = "file" if place else "case"
-        table = raw.get(place) if place else raw
-        if isinstance(table, dict) and isinstance(table.get(key), str):
-            found = path.parent / table[key]
-            if not found.is_file():
-                where = f"{place}.{key}".lstrip(".")
-                raise CaseError(
-                    f"no such file{nearest_file(found, found.suffix)}",
-                    file="--set" if where in changed else path,
-                    key=where,
-                    value=table[key],
-                )
-            table[key] = str(found.resolve())
-    try:
-        study = ValidationStudy.model_validate(raw)
-    except ValidationError as error:
-        raise one_line(error, raw, path, changed) from None
-    study._file = path
+    files = (("", "case"), ("record", "file"), ("leaflet", "file"))
+    study = read_study(Path(path), overrides, ValidationStudy, files)
+    study._file = Path(path)
     return study

@@ -31,8 +31,10 @@ from valvefsi.cli.new import new
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
+from valvefsi.cli.sample import sample
 from valvefsi.cli.sweep import sweep
 from valvefsi.cli.validate import validate
+from valvefsi.cli.verify import verify
 from valvefsi.errors import CaseError, Stopped, SurroundingsError, ValvefsiError, reason_of
 
 PATIENCE, GRACE = 5.0, 0.5
@@ -57,6 +59,8 @@ app.command()(movie)
 app.command()(compare)
 app.command()(doctor)
 app.command()(validate)
+app.command()(verify)
+app.command()(sample)
 app.add_typer(bench, name="bench")
 app.add_typer(fit, name="fit")
 app.add_typer(mesh, name="mesh")

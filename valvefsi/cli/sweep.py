@@ -12,8 +12,8 @@ import typer
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import Out, Set, Trust
-from valvefsi.cli.tables import format_time, number, print_table
-from valvefsi.errors import StudyError
+from valvefsi.cli.study_plan import print_plan, raise_failed
+from valvefsi.cli.tables import number, print_table
 
 if TYPE_CHECKING:
     from valvefsi.case import Case
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 MOST = 4
 """Numbers of a member that are printed."""
-FEW = 3
-"""Failed members that the last message names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,37 +67,9 @@ def sweep(options: SweepCommand) -> None:
     cases = read_cases(options.case, study.members, trust=options.trust)
     folder = options.out or Path("results") / f"sweep-{options.case.stem}"
     if options.plan:
-        _plan(options, cases, folder)
+        print_plan(cases, folder, options.jobs)
         return
     _run(options, study, cases, folder)
-
-
-def _plan(options: SweepCommand, cases: Mapping[str, Case], folder: Path) -> None:
-    """Print what each member will take."""
-    from mpi4py import MPI
-
-    from valvefsi.cli.bench_progress import announced
-    from valvefsi.studies.planning import plan_members, time_of_all
-    from valvefsi.studies.runner import cores
-
-    with announced(MPI.COMM_WORLD) as said:
-        plans = plan_members(cases, folder, lambda name, done, total: said(name, done, total, None))
-    least = {plan.name: ">= " * (cases[plan.name].time.control == "adaptive") for plan in plans}
-    rows = [
-        (
-            plan.name,
-            f"{plan.cells}",
-            f"{least[plan.name]}{plan.steps}",
-            f"{plan.dt:.4g}",
-            format_time(plan.time),
-        )
-        for plan in plans
-    ]
-    sides = {"member": "left", "cells": "right", "steps": "right", "time step (s)": "right"}
-    print_table(console(), "plan", {**sides, "expected time": "right"}, rows)
-    jobs = options.jobs or cores()
-    whole = format_time(time_of_all([plan.time for plan in plans], jobs))
-    typer.echo(f"{len(plans)} members, {jobs} at once: {whole}, without start-up and output")
 
 
 def _run(options: SweepCommand, study: Sweep, cases: Mapping[str, Case], folder: Path) -> None:
@@ -124,13 +94,7 @@ def _run(options: SweepCommand, study: Sweep, cases: Mapping[str, Case], folder:
     _show(study, outcomes)
     also = "" if picture is None else f", {picture.name}"
     typer.echo(f"results in {folder / 'sweep.csv'}{also}")
-    failed = [outcome for outcome in outcomes if outcome.state == "failed"]
-    if failed:
-        said = "; ".join(
-            f"{outcome.member.name}: {outcome.message} ({outcome.log})" for outcome in failed[:FEW]
-        )
-        more = "; and more, see sweep.json" if len(failed) > FEW else ""
-        raise StudyError(f"{len(failed)} of {len(outcomes)} members failed: {said}{more}")
+    raise_failed(outcomes, "sweep.json")
 
 
 def _show(study: Sweep, outcomes: list[Outcome]) -> None:

@@ -167,3 +167,28 @@ def standing(folder: Path, member: Member, case: Case) -> Standing:
         return "new"
     check_end(meta["t"], meta["dt"], case.time.t_end, folder)
     return "begun"
+
+
+def collected(case: Path, members: Sequence[Member], folder: Path, *, trust: bool = False) -> list[Outcome]:
+    """Return how members stand that other processes have run; one that is not done counts as failed, with the reason.
+
+    Args:
+        case: The case file.
+        members: The members.
+        folder: Folder of the study.
+        trust: Whether Python files of materials may be run.
+
+    Raises:
+        CaseError: A folder holds something else.
+    """
+    found: list[Outcome] = []
+    for member, own in zip(members, read_cases(case, members, trust=trust).values(), strict=True):
+        place = Path(folder) / member.name
+        if standing(place, member, own) == "done":
+            found.append(Outcome(member=member, folder=place, state="kept"))
+            continue
+        record = read_json(place / RECORD)
+        said = {"running": "it has not ended", "stopped": "it was stopped, its checkpoint is there"}
+        why = record.get("message") or said.get(record.get("state", ""), "it has not been run")
+        found.append(Outcome(member=member, folder=place, state="failed", message=str(why)))
+    return found

@@ -217,6 +217,53 @@ def run_members(
         return _Runner(command, tasks, jobs or cores(), progress).run()
 
 
+def run_member(case: Path, member: Member, folder: Path, *, trust: bool = False) -> Outcome:
+    """Run one member of a study by itself, as a task of an array of jobs does; others may run beside it.
+
+    Args:
+        case: The case file.
+        member: The member.
+        folder: Folder of the study.
+        trust: Whether Python files of materials may be run.
+
+    Returns:
+        How it ended; kept where it was done before, gone on with where it was begun.
+
+    Raises:
+        CaseError: Its case is wrong, or its folder holds something else.
+        Stopped: SIGINT or SIGTERM arrived; it has written a checkpoint.
+    """
+    task = _Task(member, Path(folder) / member.name, read_cases(case, [member], trust=trust)[member.name])
+    task.standing = standing(task.folder, member, task.case)
+    command = ["run", str(case), *(["--trust"] if trust else [])]
+    return _Runner(command, [task], 1, None).run()[0]
+
+
+def waiting_members(
+    case: Path,
+    members: Sequence[Member],
+    folder: Path,
+    *,
+    resume: bool = False,
+    overwrite: bool = False,
+    trust: bool = False,
+) -> list[Member]:
+    """Return the members that `run_members` would run, without touching anything.
+
+    Raises:
+        CaseError: As `run_members` would.
+    """
+    folder, cases = Path(folder), read_cases(case, members, trust=trust)
+    if overwrite:
+        return list(members)
+    tasks = [_Task(member, folder / member.name, cases[member.name]) for member in members]
+    for task in tasks:
+        task.standing = standing(task.folder, task.member, task.case)
+    if not resume:
+        _refuse_to_go_on(folder, tasks)
+    return [task.member for task in tasks if task.standing != "done"]
+
+
 def _clear(folder: Path) -> None:
     """Remove what an earlier run would be taken for, unless it is still running."""
     if folder.exists():

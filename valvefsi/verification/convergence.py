@@ -75,7 +75,7 @@ def order_of_differences(coarse: float, fine: float, ratio_coarse: float, ratio_
 
         p ln r21 = ln|e32 / e21| + ln((r21^p - s) / (r32^p - s)),    s = sign(e32 / e21)
 
-    It is negative where the differences grow, which the magnitude in the paper hides.
+    It is negative where the differences grow, which the magnitude in the paper hides, and within +-50.
 
     Args:
         coarse: Difference e32 of the two coarser grids.
@@ -95,6 +95,8 @@ def order_of_differences(coarse: float, fine: float, ratio_coarse: float, ratio_
             part = math.log((math.exp(p * b) + 1.0) / (math.exp(p * a) + 1.0))
         return p * a + part - jump
 
+    if not miss(-STEEPEST) < 0.0 < miss(STEEPEST):  # steeper than any method: the nearer end says enough
+        return -STEEPEST if miss(-STEEPEST) >= 0.0 else STEEPEST
     return float(brentq(miss, -STEEPEST, STEEPEST, xtol=1e-14))
 
 

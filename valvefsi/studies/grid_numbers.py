@@ -1,0 +1,225 @@
+"""What a study of grids shows: orders, extrapolated values and uncertainties of numbers and waveforms."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from valvefsi.case.valve_runs import read_run
+from valvefsi.errors import CaseError
+from valvefsi.io.history import read_history
+from valvefsi.post.valve_beat import Beat
+from valvefsi.post.valve_comparison import Pair
+from valvefsi.studies.grid_study import GridStudy
+from valvefsi.studies.members import Outcome, Values
+from valvefsi.studies.sweep import scalars
+from valvefsi.types import Array
+from valvefsi.verification.convergence import ROUND_OFF
+from valvefsi.verification.norms import time_norm
+from valvefsi.verification.refinement import refinement, two_grid_error
+
+NO_ANSWER = re.compile(
+    r"timing\..*|last\.(step|t_s)|.*\.plausible\..*\.(from|to)|.*\.cycles\.\d+\.(cycle|start_s)"
+)
+"""Numbers of a summary that are no answers: what the run took, and what it was asked for."""
+NORMS = {"L2": 2.0, "Linf": math.inf}
+STEP_ORDER = 1.0
+"""Order of the time step that two of them are judged with: what the splitting of circuits and bodies guarantees."""
+Waves = dict[str, Array]
+Row = dict[str, Any]
+
+
+def numbers_of(summary: Mapping[str, Any]) -> dict[str, float]:
+    """Return the numbers of a ``summary.json`` that are answers, by their path."""
+    found = scalars(dict(summary)).items()
+    numbers = {
+        name: value for name, value in found if isinstance(value, int | float) and not isinstance(value, bool)
+    }
+    return {name: float(value) for name, value in numbers.items() if not NO_ANSWER.fullmatch(name)}
+
+
+def assess(study: GridStudy, outcomes: Sequence[Outcome]) -> Values:
+    """Return what ``verification.json`` holds.
+
+    Args:
+        study: The study.
+        outcomes: How its members ended; what failed is left out of the numbers and named.
+    """
+    done = {outcome.member.name: outcome for outcome in outcomes if outcome.state != "failed"}
+    pairs = [(m, h) for m, h in zip(study.grids, study.spacings, strict=True) if m.name in done]
+    result: Values = {
+        "grids": [{"member": m.name, "h_cm": h, "dt_s": study.cases[m.name].dt} for m, h in pairs],
+        "expected_order": study.expected,
+        "base": study.base.name,
+        "notes": study.notes(),
+        "failed": {o.member.name: o.message for o in outcomes if o.state == "failed"},
+        "quantities": [],
+        "waveforms": [],
+        "beats": [],
+        "changes": [],
+        "time_steps": [],
+    }
+    if not pairs:
+        return result
+    ratios = [a / b for (_, a), (_, b) in itertools.pairwise(pairs)]
+    numbers = {name: numbers_of(outcome.summary) for name, outcome in done.items()}
+    result["quantities"] = _quantities([numbers[m.name] for m, _ in pairs], ratios, study.expected)
+    waves = {name: _history(outcome) for name, outcome in done.items()}
+    beats = {name: beat for name, outcome in done.items() if (beat := _beat(outcome)) is not None}
+    result["waveforms"] = waveform_rows([waves[m.name] for m, _ in pairs], ratios, study.expected)
+    if all(m.name in beats for m, _ in pairs):
+        result["beats"] = beat_rows([beats[m.name] for m, _ in pairs])
+    if study.base.name in done:
+        kept = {key: m for key, m in _changes(study).items() if m.name in done}
+        names = [m.name for m in kept.values()]
+        result["changes"] = [
+            *_changed_numbers(numbers, study.base.name, dict(zip(kept, names, strict=True))),
+            *_changed_waves(waves, study.base.name, dict(zip(kept, names, strict=True))),
+        ]
+        result["time_steps"] = _time_steps(numbers, study, set(done))
+    return result
+
+
+def _changes(study: GridStudy) -> dict[str, Any]:
+    return {f"time step x {factor:g}": member for factor, member in study.steps.items()} | dict(study.changes)
+
+
+def _quantities(grids: Sequence[Mapping[str, float]], ratios: Sequence[float], expected: float) -> list[Row]:
+    """Return a row for every number that all grids have."""
+    rows = []
+    for name in grids[-1]:
+        if not all(name in numbers and math.isfinite(numbers[name]) for numbers in grids):
+            continue
+        values = [numbers[name] for numbers in grids]
+        rows.append({"quantity": name, "values": values, **asdict(refinement(values, ratios, expected))})
+    return rows
+
+
+def waveform_rows(grids: Sequence[Waves], ratios: Sequence[float], expected: float) -> list[Row]:
+    """Return a row for every waveform and norm: the differences between successive grids, and what follows.
+
+        e_k = ||M_k - M_{k+1}|| / ||M_finest||,   order from e_k / e_{k+1},   index 1.25 e / (r^p - 1)
+
+    A norm of differences takes the place of a difference of values, so that p is that of the whole waveform; all is
+    taken at the times of the finest grid, as far as all runs go.
+
+    Args:
+        grids: Waveforms by column from the coarsest grid on, ``t_s`` among them.
+        ratios: Between successive grids.
+        expected: Expected order.
+    """
+    rows: list[Row] = []
+    if len(grids) < 2 or not all("t_s" in waves for waves in grids):
+        return rows
+    t = _common(grids)
+    for name in grids[-1]:
+        if name in ("t_s", "step") or not all(name in waves for waves in grids):
+            continue
+        on = [np.interp(t, waves["t_s"], waves[name]) for waves in grids]
+        for norm, q in NORMS.items():
+            size = time_norm(t, on[-1], q)
+            if not size > 0.0:
+                continue
+            gaps = [time_norm(t, b - a, q) / size for a, b in itertools.pairwise(on)]
+            rows.append(
+                {"quantity": name, "norm": norm, "differences": gaps} | _of_norms(gaps, ratios, expected)
+            )
+    return rows
+
+
+def _of_norms(gaps: Sequence[float], ratios: Sequence[float], expected: float) -> Row:
+    """Return order, index and uncertainty of norms of differences, the size of the waveform being one."""
+    if len(gaps) < 2 or gaps[-1] <= ROUND_OFF or gaps[-2] <= ROUND_OFF:
+        bound = two_grid_error(gaps[-1], ratios[-1], expected)
+        text = "two grids show no order" if len(gaps) < 2 else "the same to round-off: no order"
+        return {"kind": "two grids" if len(gaps) < 2 else "unchanged", "order": None, "index": None} | {
+            "uncertainty": bound,
+            "text": text,
+        }
+    found = refinement([1.0 - gaps[-1] - gaps[-2], 1.0 - gaps[-1], 1.0], ratios[-2:], expected)
+    return {name: getattr(found, name) for name in ("kind", "order", "index", "uncertainty", "text")}
+
+
+def beat_rows(beats: Sequence[Beat]) -> list[Row]:
+    """Return the norms of `valvefsi compare` between successive grids: the coarser's cycle less the finer's."""
+    return [
+        {"a": a.name, "b": b.name, "quantity": name, **pair.norms(name)}
+        for a, b in itertools.pairwise(beats)
+        if (pair := Pair(a=a, b=b))
+        for name in pair.quantities
+    ]
+
+
+def _changed_numbers(
+    numbers: Mapping[str, Mapping[str, float]], base: str, changed: Mapping[str, str]
+) -> list[Row]:
+    """Return by how much each number moves with each change of the base, alone."""
+    return [
+        {
+            "quantity": name,
+            "change": key,
+            "base": value,
+            "value": numbers[member][name],
+            "difference": numbers[member][name] - value,
+            "difference_percent": 100.0 * (numbers[member][name] - value) / abs(value) if value else None,
+        }
+        for key, member in changed.items()
+        for name, value in numbers[base].items()
+        if name in numbers[member]
+    ]
+
+
+def _changed_waves(waves: Mapping[str, Waves], base: str, changed: Mapping[str, str]) -> list[Row]:
+    """Return how far each waveform moves with each change, relative to the base's norm [%]."""
+    rows: list[Row] = []
+    for key, member in changed.items():
+        pair = [waves[base], waves[member]]
+        if not all("t_s" in part for part in pair):
+            continue
+        t = _common(pair)
+        for name in (name for name in pair[0] if name not in ("t_s", "step") and name in pair[1]):
+            a, b = (np.interp(t, part["t_s"], part[name]) for part in pair)
+            for norm, q in NORMS.items():
+                if (size := time_norm(t, a, q)) > 0.0:
+                    moved = 100.0 * time_norm(t, b - a, q) / size
+                    rows.append({"quantity": name, "norm": norm, "change": key, "difference_percent": moved})
+    return rows
+
+
+def _time_steps(numbers: Mapping[str, Mapping[str, float]], study: GridStudy, done: set[str]) -> list[Row]:
+    """Return what the steps say of each number: three or more an order, two an uncertainty with first order."""
+    members = [(1.0, study.base), *study.steps.items()]
+    members = [(factor, m) for factor, m in members if m.name in done]
+    if len(members) < 2:
+        return []
+    ratios = [a / b for (a, _), (b, _) in itertools.pairwise(members)]
+    rows = _quantities([numbers[m.name] for _, m in members], ratios, STEP_ORDER)
+    return [{**row, "factors": [factor for factor, _ in members]} for row in rows]
+
+
+def _common(grids: Sequence[Waves]) -> Array:
+    """Return the times of the last up to the earliest end of all."""
+    end = min(float(waves["t_s"][-1]) for waves in grids)
+    t = grids[-1]["t_s"]
+    return t[t <= end * (1.0 + 1e-12)]
+
+
+def _history(outcome: Outcome) -> Waves:
+    path = outcome.folder / "history.csv"
+    if not path.is_file():
+        return {}
+    return {name: np.array(column, dtype=float) for name, column in read_history(path).items()}
+
+
+def _beat(outcome: Outcome) -> Beat | None:
+    """Return the last whole cycle of a run of a valve, None where there is none."""
+    try:
+        return read_run(outcome.folder)[1]
+    except CaseError:
+        return None

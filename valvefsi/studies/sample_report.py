@@ -1,0 +1,147 @@
+"""A study of uncertain inputs as files: ``sample.json``, ``samples.csv``, ``sample.md`` and a picture."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from valvefsi import __version__
+from valvefsi.io.folder import write_text
+from valvefsi.studies.members import Values
+from valvefsi.studies.sampling import Sampling
+from valvefsi.types import Array
+
+DRAWN = 6
+"""Outputs that are drawn."""
+
+
+def write_samples(
+    sampling: Sampling,
+    outputs: Mapping[str, Array],
+    failures: Mapping[int, str],
+    result: Values,
+    folder: Path,
+) -> None:
+    """Write the tables of a study; a sample that failed has its row and its reason.
+
+    Args:
+        sampling: The samples.
+        outputs: Outputs by name, ``(num_samples,)`` each.
+        failures: Why samples failed, by their number.
+        result: What `valvefsi.studies.sampling.analyse` found.
+        folder: Where to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    inputs, text = sampling.inputs, io.StringIO()
+    labels = [f"{name} [{unit or '-'}]" for name, unit in zip(inputs.names, inputs.units, strict=True)]
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["sample", "state", "reason", *labels, *outputs])
+    for k, row in enumerate(sampling.values):
+        numbers = [None if np.isnan(values[k]) else float(values[k]) for values in outputs.values()]
+        state = "failed" if k in failures else "done"
+        table.writerow([k, state, failures.get(k, ""), *map(float, row), *numbers])
+    write_text(folder / "samples.csv", text.getvalue())
+    study = sampling.study
+    about = {
+        "study": str(study.file),
+        "case": study.case,
+        "target": study.target,
+        "version": __version__,
+        "inputs": [
+            {"name": name, "key": key, "unit": unit}
+            for name, key, unit in zip(inputs.names, inputs.keys, inputs.units, strict=True)
+        ],
+    }
+    write_text(folder / "sample.json", json.dumps(about | result, indent=2) + "\n")
+    write_text(folder / "sample.md", _page(study.title or Path(study.case).stem, result))
+
+
+def _page(title: str, result: Values) -> str:
+    lines = [f"# {title}", "", *(f"- {note}" for note in result["notes"])]
+    lines += [f"- FAILED: sample {k}: {why}" for k, why in result["failed"].items()]
+    head = ["output", "mean", "std", "95 %", "samples", "how"]
+    lines += ["", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for row in result["outputs"]:
+        interval = f"{row['low']:.5g} to {row['high']:.5g}" if "low" in row else "-"
+        cells = [row["output"], _short(row["mean"]), _short(row["std"]), interval, str(row["count"])]
+        lines.append("| " + " | ".join([*cells, row["text"]]) + " |")
+    lines += ["", "| output | input | first order | 95 % | total | 95 % |", "|---|---|---|---|---|---|"]
+    for row in result["outputs"]:
+        for one in row["indices"]:
+            cells = [row["output"], one["group"]]
+            for kind in ("first", "total"):
+                low, high = one[f"{kind}_interval"]
+                cells += [f"{one[kind]:.3f}", f"{low:.3f} to {high:.3f}"]
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.5g}"
+
+
+def draw_samples(sampling: Sampling, outputs: Mapping[str, Array], result: Values, path: Path) -> Path | None:
+    """Draw the outputs that have indices.
+
+    Returns:
+        The path, None where no output has any.
+    """
+    from valvefsi.post.plots.sensitivity import SensitivityPanel, sensitivity_picture
+
+    panels = []
+    for row in [row for row in result["outputs"] if row["indices"]][:DRAWN]:
+        indices = row["indices"]
+        strongest = max(indices, key=lambda one: one["total"])["group"]
+        y = outputs[row["output"]]
+        column = _strongest_input(sampling, strongest, y)
+        unit = sampling.inputs.units[column]
+        name = sampling.inputs.names[column]
+        panels.append(
+            SensitivityPanel(
+                name=row["output"].rpartition(".")[2],
+                groups=[one["group"] for one in indices],
+                first=_column(indices, "first"),
+                first_interval=_column(indices, "first_interval"),
+                total=_column(indices, "total"),
+                total_interval=_column(indices, "total_interval"),
+                x=sampling.values[:, column],
+                x_label=f"{name} [{unit}]" if unit else name,
+                y=y,
+                interval=(row["low"], row["median"], row["high"]),
+                text=_told(row),
+            )
+        )
+    if not panels:
+        return None
+    failed = len(result["failed"])
+    caption = f"{result['samples']} samples" + (f", {failed} failed and left out" if failed else "")
+    return sensitivity_picture(
+        path, panels, title=sampling.study.title or "uncertain inputs", caption=caption
+    )
+
+
+def _told(row: Mapping[str, Any]) -> str:
+    """Return how the indices of an output were found, short."""
+    if "degree" not in row:
+        return str(row["text"])
+    missed = 100 * row["surrogate_relative_error"]
+    return f"chaos of degree {row['degree']}, misses {missed:.2g} % of the variance"
+
+
+def _strongest_input(sampling: Sampling, group: str, y: Array) -> int:
+    """Return the number of the input of a group that goes most with an output."""
+    names = next(one.names for one in sampling.inputs.groups if one.name == group)
+    columns = [sampling.inputs.names.index(name) for name in names]
+    done = np.isfinite(y)
+    goes = [abs(np.corrcoef(sampling.values[done, k], y[done])[0, 1]) for k in columns]
+    return columns[int(np.argmax(goes))]
+
+
+def _column(rows: Sequence[Mapping[str, Any]], name: str) -> Array:
+    return np.array([row[name] for row in rows], dtype=float)
