@@ -23,8 +23,8 @@ RUNS = 96
 # %% [markdown]
 # ## The study
 #
-# `calibration/sample_loop.toml` names a case, whose two circuits are taken, an orifice, and what is uncertain: the outlet's
-# constants as `valvefsi fit windkessel` found them in `calibration/porcine_loop.csv`, with their intervals and
+# `calibration/sample_loop.toml` names a case, whose two circuits are taken, an orifice, and what is uncertain: the
+# outlet's constants as `valvefsi fit windkessel` found them in `calibration/porcine_loop.csv`, with their intervals and
 # correlation; 5 % of the upstream circuit's, 2 % of the area, and an inertance of which only the range is known.
 #
 # Its design is Saltelli's (some thousand samples, SALib). A polynomial chaos of few samples is what runs in three
