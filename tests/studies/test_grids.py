@@ -13,6 +13,7 @@ import pytest
 
 from tests.studies import made_up_beat
 from tests.studies.conftest import CASE
+from valvefsi.case import load_case
 from valvefsi.errors import CaseError
 from valvefsi.post.valve_beat import Beat
 from valvefsi.studies import runner
@@ -65,6 +66,11 @@ def test_the_members_are_the_grids_and_the_base_with_one_change_each(case):
     assert len(study.cases) == len(study.members)
     assert study.expected == 2.0
     assert make_grid_study(case, wanted(order=1.5)).expected == 1.5
+
+
+def test_a_spacing_takes_the_place_of_cells_and_cells_that_of_a_spacing(case):
+    assert load_case(case, ["grid.h=0.125"]).grid.spacing == 0.125
+    assert load_case(case, ["grid.h=0.125", "grid.cells=[4, 4]"]).grid.spacing == 0.25
 
 
 def test_adaptive_steps_keep_to_a_smaller_courant_number_too(case):
