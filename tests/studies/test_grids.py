@@ -17,7 +17,7 @@ from valvefsi.case import load_case
 from valvefsi.errors import CaseError
 from valvefsi.post.valve_beat import Beat
 from valvefsi.studies import runner
-from valvefsi.studies.grid_numbers import assess, beat_rows, numbers_of, waveform_rows
+from valvefsi.studies.grid_numbers import assess, beat_rows, numbers_of, waveform_rows, without_round_off
 from valvefsi.studies.grid_report import draw_verification, write_verification
 from valvefsi.studies.grid_study import Wanted, make_grid_study
 from valvefsi.studies.runner import run_members, waiting_members
@@ -208,6 +208,19 @@ def test_the_cycles_of_valves_are_compared_as_compare_does():
     (row,) = beat_rows([a, b])
     assert (row["a"], row["b"], row["quantity"]) == ("coarse", "fine", "p_lv")
     assert row["l2_percent"] == pytest.approx(2.0)
+
+
+def test_what_symmetry_forbids_is_no_answer():
+    t = np.linspace(0.0, 1.0, 3)
+    runs = {
+        "a": {"u_x_cm": 1e-15, "u_y_cm": -4.0, "q_ml_s": 1e-9},
+        "b": {"u_x_cm": -2e-14, "u_y_cm": -3.9, "q_ml_s": 0.0},
+    }
+    found, silent = without_round_off(runs)
+    assert silent == {"u_x_cm"}
+    assert found == {name: {**numbers, "u_x_cm": 0.0} for name, numbers in runs.items()}
+    waves, silent = without_round_off({"a": {"u_x_cm": 1e-14 * t, "u_y_cm": t, "t_s": t}})
+    assert (silent, waves["a"]["u_x_cm"].any(), waves["a"]["u_y_cm"].any()) == ({"u_x_cm"}, False, True)
 
 
 def test_what_a_run_took_or_was_asked_for_is_no_answer():
