@@ -94,17 +94,18 @@ def case_keys() -> str:
 
 
 def study_keys() -> str:
-    """Return every table of a validation study with its keys, units and defaults."""
+    """Return every table of the files of studies with its keys, units and defaults."""
+    from valvefsi.case.sample_tables import SampleStudy
     from valvefsi.case.study_tables import ValidationStudy
 
     parts = [
         "# Every key of a study",
-        "The file of `valvefsi validate`. Numbers and units are those of a case file; paths are relative to the study.",
-        "## The study",
-        keys_of(ValidationStudy),
+        "Numbers and units are those of a case file; paths are relative to the study.",
     ]
-    for path, kind in tables_in(ValidationStudy, ()):
-        parts += [f"## `{path}`", one_line(kind.__doc__), keys_of(kind)]
+    for command, study in (("validate", ValidationStudy), ("sample", SampleStudy)):
+        parts += [f"## `valvefsi {command}`", one_line(study.__doc__), keys_of(study)]
+        for path, kind in tables_in(study, ()):
+            parts += [f"### `{path}` of `{command}`", one_line(kind.__doc__), keys_of(kind)]
     return "\n\n".join(parts) + "\n"
 
 

@@ -67,6 +67,19 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "channel": ("Poiseuille and Womersley flow between open sides", {"": "bench channel"}),
     "taylor-green": ("Taylor-Green vortex, Re 1600", {"128^3": "bench taylor-green --grid 64"}),
+    "refinement-block": (
+        "Compressed block (E.1) on three grids, elements of one spacing",
+        {
+            "": "verify demos/compressed_block.toml --grids 2.5cm,1.6666667cm,1.25cm --set "
+            "\"solid.block.mesh={shape='compressed_block',lower=[10,15],size=[20,10],elements=[16,8],load_width=10}\" "
+            "--along solid.block.mesh.elements=[8,4],[12,6],[16,8] --steps 1,0.5 --also solid.block.kernel=ib4 "
+            "--base 2.5cm"
+        },
+    ),
+    "sample-loop": (
+        "Pulse duplicator with an orifice for the valve, uncertain circuit",
+        {"": "sample calibration/sample_loop.toml"},
+    ),
     "fits": (
         "Fits of measured records",
         {
@@ -78,8 +91,10 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
 }
 """Name of the results: title, and the command (without ``valvefsi``) behind each case."""
 
-CASES = {"compression": "elements, cells"}
+CASES = {"compression": "elements, cells", "refinement-block": "number", "sample-loop": "output"}
 """What the names of the cases are, for the heading of a table."""
+FILES = {"fit": "fit.json", "verify": "verification.json", "sample": "sample.json"}
+"""What a command leaves its result in, where that is not ``result.json``."""
 FIT = {
     "half_sum_of_squares": "half sum of squares",
     "r_squared": "R2",
@@ -121,12 +136,16 @@ def call(command: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         arguments = [sys.executable, "-m", "valvefsi", *words, "--out", folder]
         subprocess.run(arguments, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
-        file = "fit.json" if words[0] == "fit" else "result.json"
+        file = FILES.get(words[0], "result.json")
         return json.loads((Path(folder) / file).read_text(encoding="utf-8"))
 
 
 def quantities(result: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the rows of a benchmark's table, or the parameters and norms of a fit."""
+    """Return the rows of a benchmark's table, of a study, or the parameters and norms of a fit."""
+    if "grids" in result:
+        return refined(result)
+    if "outputs" in result:
+        return sampled(result)
     if "table" in result:
         keys = ("quantity", "computed", "unit", "reference", "source")
         rows, above = [], ""
@@ -142,6 +161,42 @@ def quantities(result: dict[str, Any]) -> list[dict[str, Any]]:
         {"quantity": name, "computed": rounded(entry["value"]), "unit": entry["unit"].strip("-")}
         for name, entry in result["parameters"].items()
     ]
+
+
+def refined(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return what a study of grids found of the numbers that change, and its changes of one thing."""
+    names = {"order": "order", "extrapolated": "Richardson", "index": "GCI", "uncertainty": "uncertainty"}
+    changes = {
+        (row["quantity"], row["change"]): row["difference"] for row in result["changes"] if "base" in row
+    }
+    rows = []
+    for row in result["quantities"]:
+        if not row["quantity"].startswith("last.") or row["kind"] == "unchanged":
+            continue
+        case = {"case": row["quantity"].removeprefix("last.")}
+        for grid, value in zip(result["grids"], row["values"], strict=True):
+            rows.append({**case, "quantity": grid["member"], "computed": rounded(value)})
+        for key, name in names.items():
+            if row[key] is not None:
+                rows.append({**case, "quantity": name, "computed": rounded(row[key])})
+        for change in dict.fromkeys(change for _, change in changes):
+            value = changes.get((row["quantity"], change))
+            rows.append({**case, "quantity": f"change by {change}", "computed": rounded(value)})
+    return rows
+
+
+def sampled(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return distribution and total indices of the outputs of a study of uncertain inputs."""
+    rows = []
+    for row in result["outputs"]:
+        case = {"case": row["output"]}
+        for key, name in {"mean": "mean", "std": "std", "low": "2.5 %", "high": "97.5 %"}.items():
+            rows.append({**case, "quantity": name, "computed": rounded(row[key])})
+        for one in row["indices"]:
+            low, high = one["total_interval"]
+            rows.append({**case, "quantity": f"S_T {one['group']}", "computed": round(one["total"], 3)})
+            rows.append({**case, "quantity": f"+- {one['group']}", "computed": round((high - low) / 2, 3)})
+    return rows
 
 
 def rounded(value: object) -> object:

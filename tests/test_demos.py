@@ -34,6 +34,7 @@ TUTORIALS = {
     "06_new_material": "gent.py:Gent",
     "07_many_ranks": "MPIRUN",
     "08_own_valve": "solid.mesh.leaflets",
+    "09_how_sure": '"sample"',
 }
 """The tutorial of each kind of user, and what it cannot do without."""
 

@@ -201,12 +201,15 @@ def test_every_key_of_a_study_is_on_its_page():
     page = generate.study_keys()
     for key in ("grids", "max_beats", "without_offset", "fibre_angle", "R_c", "C_VIA", "fit_area", "linf"):
         assert f"| `{key}` |" in page
-    assert "## `[record]`" in page
+    for key in ("design", "distribution", "take", "joint", "degree", "tolerance"):
+        assert f"| `{key}` |" in page
+    assert "### `[record]` of `validate`" in page
+    assert "### `[[input]]` of `sample`" in page
 
 
 def test_every_command_is_on_its_page():
     page = generate.commands()
-    for name in ("run", "bench cavity", "fit biaxial", "mesh import", "validate"):
+    for name in ("run", "bench cavity", "fit biaxial", "mesh import", "validate", "verify", "sample"):
         assert f"## `valvefsi {name}`" in page
     assert "| `--reynolds` |" in page
 

@@ -215,6 +215,12 @@ def test_a_core_of_equal_cells_is_widened_and_the_rest_grows():
     assert (np.maximum(widths[1:] / widths[:-1], widths[:-1] / widths[1:]) < 1.1).all()
 
 
+def test_a_spacing_of_few_digits_makes_equal_cells_where_the_core_is_the_whole_axis():
+    edges = core_edges(0.0, 0.0, 40.0, 40.0, 1.6666667)
+    assert len(edges) == 25
+    assert np.ptp(np.diff(edges)) < 1e-12
+
+
 def test_the_surface_of_a_block_of_hexahedra_is_its_outside():
     n = np.arange(12).reshape(3, 2, 2)
     corner = [

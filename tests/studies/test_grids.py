@@ -13,10 +13,11 @@ import pytest
 
 from tests.studies import made_up_beat
 from tests.studies.conftest import CASE
+from valvefsi.case import load_case
 from valvefsi.errors import CaseError
 from valvefsi.post.valve_beat import Beat
 from valvefsi.studies import runner
-from valvefsi.studies.grid_numbers import assess, beat_rows, numbers_of, waveform_rows
+from valvefsi.studies.grid_numbers import assess, beat_rows, numbers_of, waveform_rows, without_round_off
 from valvefsi.studies.grid_report import draw_verification, write_verification
 from valvefsi.studies.grid_study import Wanted, make_grid_study
 from valvefsi.studies.runner import run_members, waiting_members
@@ -65,6 +66,11 @@ def test_the_members_are_the_grids_and_the_base_with_one_change_each(case):
     assert len(study.cases) == len(study.members)
     assert study.expected == 2.0
     assert make_grid_study(case, wanted(order=1.5)).expected == 1.5
+
+
+def test_a_spacing_takes_the_place_of_cells_and_cells_that_of_a_spacing(case):
+    assert load_case(case, ["grid.h=0.125"]).grid.spacing == 0.125
+    assert load_case(case, ["grid.h=0.125", "grid.cells=[4, 4]"]).grid.spacing == 0.25
 
 
 def test_adaptive_steps_keep_to_a_smaller_courant_number_too(case):
@@ -202,6 +208,19 @@ def test_the_cycles_of_valves_are_compared_as_compare_does():
     (row,) = beat_rows([a, b])
     assert (row["a"], row["b"], row["quantity"]) == ("coarse", "fine", "p_lv")
     assert row["l2_percent"] == pytest.approx(2.0)
+
+
+def test_what_symmetry_forbids_is_no_answer():
+    t = np.linspace(0.0, 1.0, 3)
+    runs = {
+        "a": {"u_x_cm": 1e-15, "u_y_cm": -4.0, "q_ml_s": 1e-9},
+        "b": {"u_x_cm": -2e-14, "u_y_cm": -3.9, "q_ml_s": 0.0},
+    }
+    found, silent = without_round_off(runs)
+    assert silent == {"u_x_cm"}
+    assert found == {name: {**numbers, "u_x_cm": 0.0} for name, numbers in runs.items()}
+    waves, silent = without_round_off({"a": {"u_x_cm": 1e-14 * t, "u_y_cm": t, "t_s": t}})
+    assert (silent, waves["a"]["u_x_cm"].any(), waves["a"]["u_y_cm"].any()) == ({"u_x_cm"}, False, True)
 
 
 def test_what_a_run_took_or_was_asked_for_is_no_answer():

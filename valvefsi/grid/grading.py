@@ -78,6 +78,8 @@ def core_edges(lower: float, first: float, last: float, upper: float, h: float) 
     open_ends = [lower < first, last < upper]
     if lack > 1e-6 * h and not any(open_ends):
         raise ValueError(f"an axis of {last - first:g} cm is not a whole number of cells of {h:g} cm")
+    if not any(open_ends):  # all cells alike, though h has been written with few digits
+        return np.linspace(lower, upper, count + 1)
     if lack > 1e-6 * h:
         first -= lack * open_ends[0] / sum(open_ends)
         last += lack * open_ends[1] / sum(open_ends)

@@ -68,9 +68,13 @@ def assess(study: GridStudy, outcomes: Sequence[Outcome]) -> Values:
     if not pairs:
         return result
     ratios = [a / b for (_, a), (_, b) in itertools.pairwise(pairs)]
-    numbers = {name: numbers_of(outcome.summary) for name, outcome in done.items()}
+    numbers, silent = without_round_off({name: numbers_of(o.summary) for name, o in done.items()})
+    if silent:
+        result["notes"].append(
+            f"round-off beside others of their unit, taken as zero: {', '.join(sorted(silent))}"
+        )
     result["quantities"] = _quantities([numbers[m.name] for m, _ in pairs], ratios, study.expected)
-    waves = {name: _history(outcome) for name, outcome in done.items()}
+    waves, _ = without_round_off({name: _history(outcome) for name, outcome in done.items()})
     beats = {name: beat for name, outcome in done.items() if (beat := _beat(outcome)) is not None}
     result["waveforms"] = waveform_rows([waves[m.name] for m, _ in pairs], ratios, study.expected)
     if all(m.name in beats for m, _ in pairs):
@@ -88,6 +92,35 @@ def assess(study: GridStudy, outcomes: Sequence[Outcome]) -> Values:
 
 def _changes(study: GridStudy) -> dict[str, Any]:
     return {f"time step x {factor:g}": member for factor, member in study.steps.items()} | dict(study.changes)
+
+
+def without_round_off(runs: Mapping[str, Mapping[str, Any]]) -> tuple[dict[str, Any], set[str]]:
+    """Set to zero what is round-off in all runs beside the largest of its unit, with which a name ends.
+
+    A displacement that symmetry forbids is 1e-14 and no answer; its changes would be by hundreds of per cent.
+
+    Args:
+        runs: Numbers or waveforms by name, of each run by its name.
+
+    Returns:
+        The same without round-off, and the names of what was round-off.
+    """
+    sizes: dict[str, float] = {}
+    for numbers in runs.values():
+        for name, value in numbers.items():
+            known = np.abs(np.asarray(value, dtype=float))
+            sizes[name] = max(sizes.get(name, 0.0), float(np.max(known[np.isfinite(known)], initial=0.0)))
+    largest: dict[str, float] = {}
+    for name, size in sizes.items():
+        unit = name.rpartition("_")[2]
+        largest[unit] = max(largest.get(unit, 0.0), size)
+    silent = {
+        name for name, size in sizes.items() if 0.0 < size <= ROUND_OFF * largest[name.rpartition("_")[2]]
+    }
+    return {
+        run: {name: 0.0 * value if name in silent else value for name, value in numbers.items()}
+        for run, numbers in runs.items()
+    }, silent
 
 
 def _quantities(grids: Sequence[Mapping[str, float]], ratios: Sequence[float], expected: float) -> list[Row]:

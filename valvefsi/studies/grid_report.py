@@ -78,7 +78,8 @@ def _page(case: Path, names: Sequence[str], result: Values) -> str:
         lines.append("| " + " | ".join([*cells, row["text"]]) + " |")
     for row in result["waveforms"]:
         gaps = [*(f"{100 * gap:.3g} %" for gap in row["differences"]), "0"]
-        cells = [f"{row['quantity']}, {row['norm']} of the difference", *gaps, *_judged(row, None)]
+        judged = [*_judged(row, None)[:-1], f"{100 * row['uncertainty']:.3g} %"]
+        cells = [f"{row['quantity']}, {row['norm']} of the difference", *gaps, *judged]
         lines.append("| " + " | ".join([*cells, row["text"]]) + " |")
     return "\n".join([*lines, *_time_step_lines(result)]) + "\n"
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, NullLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, headings, plain, saved
 from valvefsi.post.plots.sweep import label_of
@@ -138,9 +138,9 @@ def _draw_waves(axes: Axes, picture: RefinementPicture) -> None:
     axes.plot(h, slope, color=INK, linewidth=1.0, dashes=(5, 3), label=f"slope {picture.expected:g}")
     axes.set(xscale="log", yscale="log")
     axes.set_xlabel("h of the finer grid [mm]", fontsize=9)
-    for formatted in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-        formatted(lambda value, _: f"{value:.3g}")
-    axes.tick_params(axis="y", which="minor", labelsize=7.5)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
+    axes.yaxis.set_minor_locator(NullLocator())
     axes.set_title("waveforms: difference between grids, L2 [%]", fontsize=9.5, loc="left", pad=5)
     axes.set_xticks(h, [f"{value:.4g}" for value in h])
     axes.xaxis.set_minor_locator(NullLocator())
