@@ -73,14 +73,12 @@ class Against:
         begin, commit = time.perf_counter(), self.commit()
         tell = announce or (lambda *_: None)
         times = {name: list[tuple[float, float]]() for name in subjects}
+        rounds = [(turn, name) for turn in range(self.turns) for name in subjects]
         with self._checked_out(commit) as tree:
-            for turn in range(self.turns):
-                for k, (name, words) in enumerate(subjects.items()):
-                    tell(
-                        f"{name}, turn {turn + 1}", turn * len(subjects) + k, self.turns * len(subjects), None
-                    )
-                    times[name].append(self._turn(tree, words, turn))
-        tell("", self.turns * len(subjects), self.turns * len(subjects), 0.0)
+            for k, (turn, name) in enumerate(rounds):
+                tell(f"{name}, turn {turn + 1}", k, len(rounds), None)
+                times[name].append(self._turn(tree, subjects[name], turn))
+        tell("", len(rounds), len(rounds), 0.0)
         here = self._git("describe", "--always", "--dirty", "--abbrev=9")
         numbers = {name: _numbers(np.array(pairs)) for name, pairs in times.items()}
         return Report(
