@@ -44,7 +44,12 @@ INSIDE = {
         {"dynamics", "shell_stress"},
         {"structure_stress"},
     ],
-    "post": [{"diagnostics", "valve_record"}, {"valve_numbers", "plots"}, {"movies"}],
+    "post": [
+        {"diagnostics", "valve_record"},
+        {"valve_times", "plots"},
+        {"valve_numbers"},
+        {"movies"},
+    ],
     "studies": [
         {"members", "stages", "bench_start", "comparison"},
         {"runner", "loop_stages"},

@@ -13,6 +13,7 @@ Terms are those of ISO 5840-1:2021 and ISO 5840-2:2021. Where the standard leave
   the cycle), is back at the leakage but for ``backflow_floor`` of the peak flow. The leakage is the median of
   q outside forward flow, or zero if that is positive.
 - Leakage is what flows back in the rest of the cycle, so forward = net + closing + leakage to round-off.
+- Energy losses are integrals of (p_lv - p_ao) q over the same three parts of the cycle.
 - Opening and closing from the valve's area (PDVA) where it is given: from one level of its rise to another,
   10 % and 90 % unless told, and back over those of its fall, which may end at another area. Without it, the
   flow stands in: start of forward flow, first and last time at the upper level of the peak flow, end of closing.
@@ -34,19 +35,22 @@ from valvefsi.post.valve_record import (
     cut,
     fault,
     integral,
+    integral_of_product,
     integral_of_square,
     part_of,
 )
+from valvefsi.post.valve_times import add_area, add_times, closed_at
 from valvefsi.types import Array
 from valvefsi.units import LITRE_PER_MINUTE, MMHG
 
-CLOSING_WINDOW = 0.1
-"""Time after forward flow in which the closing backflow has its largest value, as a part of the cycle."""
+MILLIJOULE = 1.0e4
+"""[erg]"""
 
 LONG = 5.0
 """How long before its rise flow may be above zero, by the time that it takes from one floor to two."""
 
 VOLUMES = ("closing_volume", "leakage_volume", "leakage_flow", "regurgitant_volume", "regurgitant_fraction")
+LOSSES = ("forward_energy_loss", "closing_energy_loss", "leakage_energy_loss", "energy_loss")
 PRESSURES = (
     "pressure_start",
     "pressure_end",
@@ -56,8 +60,6 @@ PRESSURES = (
     "effective_orifice_area",
 )
 FORWARD = ("forward_volume", "rms_forward_flow", "forward_start", "forward_end", "forward_duration")
-TIMES = ("opening_start", "opening_end", "closing_start", "closing_end")
-DURATIONS = ("opening_duration", "open_duration", "closing_duration")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,15 +91,23 @@ class CycleNumbers:
         leakage_flow: Mean backward flow in that rest, while the valve is shut [cm^3/s].
         regurgitant_volume: Closing and leakage volume [cm^3].
         regurgitant_fraction: Regurgitant over forward volume.
-        opening_start: When the valve starts to open [s].
-        opening_end: When it is open [s].
-        closing_start: When it starts to close [s].
-        closing_end: When it is closed [s].
+        forward_energy_loss: Integral of (p_lv - p_ao) q over forward flow [erg].
+        closing_energy_loss: The same while the valve closes [erg].
+        leakage_energy_loss: The same in the rest of the cycle [erg].
+        energy_loss: The same over the cycle, the sum of the three [erg].
+        opening_start: When the valve starts to open, 10 % [s].
+        opening_half: When it is half open, 50 % [s].
+        opening_end: When it is open, 90 % [s].
+        closing_start: When it starts to close, 90 % [s].
+        closing_half: When it is half closed, 50 % [s].
+        closing_end: When it is closed, 10 % [s].
         opening_duration: From opening_start to opening_end [s].
         open_duration: From opening_end to closing_start [s].
         closing_duration: From closing_start to closing_end [s].
+        open_time: From opening_start to closing_end [s].
         times_from: What the opening and closing times are read off, ``pdva`` or ``flow``.
         peak_pdva: Largest projected dynamic valve area [cm^2].
+        mean_pdva: Its mean over forward flow [cm^2].
         peak_reynolds: Reynolds number of the peak flow, 4 rho q/(pi D mu).
         mean_aortic_pressure: Mean of p_ao over the cycle [dyn/cm^2].
         reasons: Why a number is None, by its name.
@@ -125,15 +135,23 @@ class CycleNumbers:
     leakage_flow: float | None = None
     regurgitant_volume: float | None = None
     regurgitant_fraction: float | None = None
+    forward_energy_loss: float | None = None
+    closing_energy_loss: float | None = None
+    leakage_energy_loss: float | None = None
+    energy_loss: float | None = None
     opening_start: float | None = None
+    opening_half: float | None = None
     opening_end: float | None = None
     closing_start: float | None = None
+    closing_half: float | None = None
     closing_end: float | None = None
     opening_duration: float | None = None
     open_duration: float | None = None
     closing_duration: float | None = None
+    open_time: float | None = None
     times_from: str | None = None
     peak_pdva: float | None = None
+    mean_pdva: float | None = None
     peak_reynolds: float | None = None
     mean_aortic_pressure: float | None = None
     reasons: Mapping[str, str] = field(default_factory=dict)
@@ -167,7 +185,9 @@ def _in_lab_unit(name: str, value: float | str | None) -> tuple[str, float | str
         unit = "_cm2"
     elif name.endswith(("_difference", "_aortic_pressure")):
         unit, scale = "_mmHg", MMHG
-    elif name.endswith(("_start", "_end", "_duration")):
+    elif name.endswith("energy_loss"):
+        unit, scale = "_mJ", MILLIJOULE
+    elif name.endswith(("_start", "_half", "_end", "_duration", "_time")):
         unit, scale = "_ms", 1.0e-3
     return name + unit, value / scale if isinstance(value, float) else value
 
@@ -216,7 +236,7 @@ def cycle_numbers(record: ValveRecord, test: ValveTest, cycle: int = -1) -> Cycl
         return CycleNumbers(cycle=k, start=start, reasons=dict.fromkeys(NUMBERS, reason))
     x = cut(record, k)
     found, reasons = _whole_cycle(x, record.period, test), dict[str, str]()
-    for part in (_forward, _pressure, _backward, _times):
+    for part in (_forward, _pressure, _backward, add_area, add_times):
         part(x, test, found, reasons)
     return CycleNumbers(cycle=k, start=start, reasons=reasons, **found)
 
@@ -317,81 +337,30 @@ def _pressure(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reaso
 def _backward(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reasons: dict[str, str]) -> None:
     """Closing, leakage and regurgitant volume."""
     if "forward_start" not in found:
-        reasons |= dict.fromkeys(VOLUMES, reasons["forward_start"])
+        reasons |= dict.fromkeys((*VOLUMES, *LOSSES), reasons["forward_start"])
         return
     forward = found["forward_volume"]
     found["regurgitant_volume"] = forward - found["net_volume"]
     found["regurgitant_fraction"] = found["regurgitant_volume"] / forward
-    end = _closed(x, test, found)
+    end = closed_at(x, test, found)
     if end is None:
         reason = "the valve is not closed when the cycle ends; start the cycle in the closed phase"
-        reasons |= dict.fromkeys(("closing_volume", "leakage_volume", "leakage_flow"), reason)
+        unknown = ("closing_volume", "leakage_volume", "leakage_flow", *LOSSES)
+        reasons |= dict.fromkeys(unknown, reason)
         return
     found["closing_volume"] = -integral(*part_of(x["t"], x["q"], found["forward_end"], end))
     found["leakage_volume"] = found["regurgitant_volume"] - found["closing_volume"]
     found["leakage_flow"] = float(found["leakage_volume"] / (x["t"][-1] - (end - found["forward_start"])))
+    found |= _losses(x, found["forward_start"], found["forward_end"], end)
 
 
-def _closed(x: dict[str, Array], test: ValveTest, found: dict[str, Any]) -> float | None:
-    """When closing backflow is over; the end of forward flow if there is none, None if it does not end."""
-    t, q = part_of(x["t"], x["q"], found["forward_end"], x["t"][-1])
-    outside = (x["t"] < found["forward_start"]) | (x["t"] > found["forward_end"])
-    floor = min(float(np.median(x["q"][outside])), 0.0) - test.backflow_floor * found["peak_flow"]
-    least = int(np.argmin(np.where(t - t[0] <= CLOSING_WINDOW * x["t"][-1], q, np.inf)))
-    if q[least] >= floor:
-        return found["forward_end"]
-    back = np.flatnonzero(q[least:] >= floor)
-    return crossing(t, q, least + back[0] - 1, floor) if len(back) else None
+def _losses(x: dict[str, Array], start: float, forward_end: float, end: float) -> dict[str, float]:
+    """Energy that the flow loses over the valve: in forward flow, while it closes, while it is shut, in all."""
+    dp = x["p_lv"] - x["p_ao"]
 
+    def lost(first: float, last: float) -> float:
+        t, pressure = part_of(x["t"], dp, first, last)
+        return integral_of_product(t, pressure, part_of(x["t"], x["q"], first, last)[1])
 
-def _times(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reasons: dict[str, str]) -> None:
-    """Opening and closing times, from the area where there is one, else from the flow."""
-    if "pdva" in x:
-        found["times_from"], found["peak_pdva"] = "pdva", float(x["pdva"].max())
-        times, reason = _times_from_area(x["t"], x["pdva"], test)
-    else:
-        found["times_from"] = "flow"
-        reasons["peak_pdva"] = "no valve area in the record"
-        times, reason = _times_from_flow(x, test, found), reasons.get("forward_start", "")
-    known: dict[str, float | None] = dict(zip(TIMES, times, strict=True))
-    if known["closing_end"] is None and not reason:
-        reason = reasons["closing_volume"]
-    a, b, c, d = times
-    pairs = zip(DURATIONS, ((a, b), (b, c), (c, d)), strict=True)
-    for name, (first, last) in pairs:
-        known[name] = None if first is None or last is None else last - first
-    reasons |= {name: reason for name, value in known.items() if value is None}
-    found |= known
-
-
-def _times_from_area(t: Array, area: Array, test: ValveTest) -> tuple[tuple[float | None, ...], str]:
-    """Where the area passes the two levels of its rise, and those of its fall, which may end at another area."""
-    nothing = (None,) * len(TIMES)
-    span = np.ptp(area)
-    if not span > 0:
-        return nothing, "the valve area does not change"
-    top = int(np.argmax(area))
-    least = area[: top + 1].min(), area[top:].min()
-    if area[top] - max(least) < 0.5 * span:
-        return nothing, "the valve is open at the cycle's edge; start the cycle in the closed phase"
-    (low, high), (end_low, end_high) = (
-        [float(x + part * (area[top] - x)) for part in test.levels] for x in least
-    )
-    first, last = np.flatnonzero(area >= high)[0], np.flatnonzero(area >= end_high)[-1]
-    before, after = np.flatnonzero(area[:first] <= low)[-1], np.flatnonzero(area[last:] <= end_low)[0]
-    return (
-        crossing(t, area, before, low),
-        crossing(t, area, first - 1, high),
-        crossing(t, area, last, end_high),
-        crossing(t, area, last + after - 1, end_low),
-    ), ""
-
-
-def _times_from_flow(x: dict[str, Array], test: ValveTest, found: dict[str, Any]) -> tuple[float | None, ...]:
-    """Start of forward flow, first and last time at the upper level of the peak, end of closing."""
-    if "forward_start" not in found:
-        return (None,) * len(TIMES)
-    t, q, high = x["t"], x["q"], test.levels[1] * found["peak_flow"]
-    at = np.flatnonzero((q >= high) & (t >= found["forward_start"]) & (t <= found["forward_end"]))
-    opened, closing = crossing(t, q, at[0] - 1, high), crossing(t, q, at[-1], high)
-    return found["forward_start"], opened, closing, _closed(x, test, found)
+    forward, closing, whole = lost(start, forward_end), lost(forward_end, end), lost(0.0, float(x["t"][-1]))
+    return dict(zip(LOSSES, (forward, closing, whole - forward - closing, whole), strict=True))
