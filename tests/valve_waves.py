@@ -55,7 +55,11 @@ def power(t):
 
 def lost(first, last):
     """Energy that is lost from one time to another, by Gauss' quadrature of the closed forms [erg]."""
-    kinks = [k for k in (OPEN, OPEN + EJECTION, OPEN + EJECTION + CLOSING, OPEN + EJECTION + 0.09) if first < k < last]
+    kinks = [
+        k
+        for k in (OPEN, OPEN + EJECTION, OPEN + EJECTION + CLOSING, OPEN + EJECTION + 0.09)
+        if first < k < last
+    ]
     ends = [first, *kinks, last]
     return sum(quad(power, a + 1e-9, b - 1e-9)[0] for a, b in zip(ends, ends[1:], strict=False))
 

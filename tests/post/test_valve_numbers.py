@@ -68,7 +68,9 @@ def test_the_energy_that_is_lost_is_what_its_parts_lose():
     got = cycle_numbers(record(), SALINE)
     parts = got.forward_energy_loss + got.closing_energy_loss + got.leakage_energy_loss
     assert got.energy_loss == pytest.approx(parts, rel=1e-13)
-    assert got.in_lab_units()["forward_energy_loss_mJ"] == pytest.approx(1e-4 * got.forward_energy_loss, rel=1e-13)
+    assert got.in_lab_units()["forward_energy_loss_mJ"] == pytest.approx(
+        1e-4 * got.forward_energy_loss, rel=1e-13
+    )
 
 
 def test_the_numbers_converge_with_the_samples():

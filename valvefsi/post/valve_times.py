@@ -93,7 +93,12 @@ def _times_from_area(t: Array, area: Array, test: ValveTest) -> tuple[Times, Tim
     def after(level: float) -> float:
         return crossing(t, area, last + np.flatnonzero(area[last:] <= level)[0] - 1, level)
 
-    times = (before(low), crossing(t, area, first - 1, high), crossing(t, area, last, end_high), after(end_low))
+    times = (
+        before(low),
+        crossing(t, area, first - 1, high),
+        crossing(t, area, last, end_high),
+        after(end_low),
+    )
     return times, (before(half), after(end_half)), ""
 
 
