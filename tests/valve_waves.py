@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from scipy.integrate import quad
 
@@ -61,7 +63,7 @@ def lost(first, last):
         if first < k < last
     ]
     ends = [first, *kinks, last]
-    return sum(quad(power, a + 1e-9, b - 1e-9)[0] for a, b in zip(ends, ends[1:], strict=False))
+    return sum(quad(power, a + 1e-9, b - 1e-9)[0] for a, b in itertools.pairwise(ends))
 
 
 def closed_forms():

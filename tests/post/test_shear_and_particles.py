@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -58,7 +60,7 @@ def test_stretching_has_the_stress_of_its_strain_rates():
 
 
 def test_the_shear_of_a_pipe_is_that_of_its_parabola():
-    edges, centres = box()
+    _edges, centres = box()
     x = np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1)
     tau = written(0.0, poiseuille).values[..., 3]
     assert tau == pytest.approx(MU * 8.0 * np.hypot(x[..., 0], x[..., 1]), abs=1e-12)
@@ -93,7 +95,7 @@ def test_the_dose_in_a_pipe_is_its_shear_over_the_time():
     x, y, _ = frames[0].edges
     seeds = np.array([[0.5 * (x[k] + x[k + 1]), 0.5 * (y[12] + y[13]), -0.9] for k in (12, 16, 21)])
     particles = Particles(seeds)
-    for pair in zip(frames, frames[1:], strict=False):
+    for pair in itertools.pairwise(frames):
         particles.advance(*pair)
     r2 = seeds[:, 0] ** 2 + seeds[:, 1] ** 2
     assert particles.x[:, 2] - seeds[:, 2] == pytest.approx(0.1 * 4 * (1 - r2), rel=1e-9)
