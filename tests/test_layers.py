@@ -46,8 +46,9 @@ INSIDE = {
     ],
     "post": [
         {"diagnostics", "valve_record"},
-        {"valve_times", "plots"},
+        {"valve_times", "plots", "coaptation", "flutter", "leaflet_places"},
         {"valve_numbers"},
+        {"valve_phases"},
         {"movies"},
     ],
     "studies": [

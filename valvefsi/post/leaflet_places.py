@@ -26,11 +26,12 @@ def places(reference: Array, free: Sequence[Array], attached: Sequence[Array], r
         reach: How far from an edge it counts as there [cm].
     """
     free_edge, attached_edge = (_near(reference, np.concatenate(lines), reach) for lines in (free, attached))
-    return np.select([free_edge & attached_edge, free_edge, attached_edge], [2, 1, 3], 0)
+    return free_edge + 3 * attached_edge - 2 * (free_edge * attached_edge)
 
 
-def _near(points: Array, line: Array, reach: float) -> Array:
-    return cKDTree(line).query(points)[0] <= reach
+def _near(points: Array, line: Array, reach: float) -> Indices:
+    """1 where points are within reach of a line, else 0."""
+    return np.asarray(cKDTree(line).query(points)[0] <= reach, dtype=np.int64)
 
 
 def node_volumes(points: Array, cells: Indices) -> Array:

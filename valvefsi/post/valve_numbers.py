@@ -21,8 +21,10 @@ Terms are those of ISO 5840-1:2021 and ISO 5840-2:2021. Where the standard leave
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +36,7 @@ from valvefsi.post.valve_record import (
     crossing,
     cut,
     fault,
+    first_closed,
     integral,
     integral_of_product,
     integral_of_square,
@@ -71,43 +74,45 @@ class CycleNumbers:
     Attributes:
         cycle: Number of the cycle, from 0.
         start: When it starts [s].
+        repeated: Whether it was repeated and cut where the valve is shut, as its edge cuts forward flow.
         forward_volume: Forward stroke volume, integral of q over forward flow [cm^3].
         net_volume: Net stroke volume, integral of q over the cycle [cm^3].
         cardiac_output: Net volume over the cycle's length [cm^3/s].
         peak_flow: Largest flow [cm^3/s].
         rms_forward_flow: Root mean square of q over forward flow [cm^3/s].
-        rms_flow: Root mean square of q over the positive pressure difference, for the orifice area [cm^3/s].
+        rms_flow: Root mean square of q from pressure_start to pressure_end [cm^3/s].
         forward_start: Start of forward flow [s].
         forward_end: End of forward flow [s].
         forward_duration: Length of forward flow [s].
         pressure_start: Start of the positive pressure difference [s].
         pressure_end: End of the positive pressure difference [s].
-        mean_pressure_difference: Mean of p_lv - p_ao over the positive pressure difference [dyn/cm^2].
+        mean_pressure_difference: Mean of p_lv - p_ao from pressure_start to pressure_end [dyn/cm^2].
         peak_pressure_difference: Largest p_lv - p_ao in that time [dyn/cm^2].
         peak_to_peak_difference: Largest p_lv less largest p_ao, at whatever times [dyn/cm^2].
-        effective_orifice_area: EOA from rms_flow and mean_pressure_difference [cm^2].
-        closing_volume: Backward volume while the valve closes [cm^3].
-        leakage_volume: Backward volume in the rest of the cycle [cm^3].
-        leakage_flow: Mean backward flow in that rest, while the valve is shut [cm^3/s].
+        effective_orifice_area: rms_flow/(51.6 sqrt(mean_pressure_difference/density)), both from pressure_start to
+            pressure_end (ISO 5840-1:2021; ml/s, mmHg, g/cm^3) [cm^2].
+        closing_volume: Backward volume from forward_end until the valve is closed by its flow [cm^3].
+        leakage_volume: Backward volume in the rest of the cycle, while it is shut [cm^3].
+        leakage_flow: Mean backward flow while it is shut [cm^3/s].
         regurgitant_volume: Closing and leakage volume [cm^3].
-        regurgitant_fraction: Regurgitant over forward volume.
+        regurgitant_fraction: Regurgitant volume over forward volume.
         forward_energy_loss: Integral of (p_lv - p_ao) q over forward flow [erg].
-        closing_energy_loss: The same while the valve closes [erg].
-        leakage_energy_loss: The same in the rest of the cycle [erg].
-        energy_loss: The same over the cycle, the sum of the three [erg].
-        opening_start: When the valve starts to open, 10 % [s].
-        opening_half: When it is half open, 50 % [s].
-        opening_end: When it is open, 90 % [s].
-        closing_start: When it starts to close, 90 % [s].
-        closing_half: When it is half closed, 50 % [s].
-        closing_end: When it is closed, 10 % [s].
+        closing_energy_loss: Integral of (p_lv - p_ao) q over the time of closing_volume [erg].
+        leakage_energy_loss: Integral of (p_lv - p_ao) q while the valve is shut [erg].
+        energy_loss: Integral of (p_lv - p_ao) q over the cycle, the sum of the three [erg].
+        opening_start: When the valve starts to open, 10 % of the area's rise [s].
+        opening_half: When it is half open, 50 % of the rise [s].
+        opening_end: When it is open, 90 % of the rise [s].
+        closing_start: When it starts to close, 90 % of the fall's height [s].
+        closing_half: When it is half closed, 50 % of the fall's height [s].
+        closing_end: When it is closed, 10 % of the fall's height [s].
         opening_duration: From opening_start to opening_end [s].
         open_duration: From opening_end to closing_start [s].
         closing_duration: From closing_start to closing_end [s].
         open_time: From opening_start to closing_end [s].
         times_from: What the opening and closing times are read off, ``pdva`` or ``flow``.
         peak_pdva: Largest projected dynamic valve area [cm^2].
-        mean_pdva: Its mean over forward flow [cm^2].
+        mean_pdva: Mean projected dynamic valve area over forward flow, systole [cm^2].
         peak_reynolds: Reynolds number of the peak flow, 4 rho q/(pi D mu).
         mean_aortic_pressure: Mean of p_ao over the cycle [dyn/cm^2].
         reasons: Why a number is None, by its name.
@@ -115,6 +120,7 @@ class CycleNumbers:
 
     cycle: int
     start: float
+    repeated: bool = False
     forward_volume: float | None = None
     net_volume: float | None = None
     cardiac_output: float | None = None
@@ -162,34 +168,47 @@ class CycleNumbers:
 
     def in_lab_units(self) -> dict[str, object]:
         """All numbers by name and unit: mmHg, ml, ml/s, l/min, cm^2, ms, per cent."""
-        return dict(_in_lab_unit(name, value) for name, value in self.as_dict().items() if name != "reasons")
+        told = (item for item in self.as_dict().items() if item[0] != "reasons")
+        return dict(_in_lab_unit(name, value) for name, value in told)
 
 
-NUMBERS = tuple(f.name for f in fields(CycleNumbers) if f.name not in ("cycle", "start", "reasons"))
+NUMBERS = tuple(
+    f.name for f in fields(CycleNumbers) if f.name not in ("cycle", "start", "repeated", "reasons")
+)
 
 
-def _in_lab_unit(name: str, value: float | str | None) -> tuple[str, float | str | None]:
+def number_meanings() -> dict[str, str]:
+    """Return what each number of a cycle means, by its name, as its documentation says it."""
+    text = (inspect.getdoc(CycleNumbers) or "").partition("Attributes:")[2]
+    entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE)
+    told = {name: re.sub(r" \[[^]]*\]\.?$", "", " ".join(words.split())) for name, words in entries}
+    return {name: words.rstrip(".") for name, words in told.items() if name in (*NUMBERS, "repeated")}
+
+
+def _unit(name: str) -> tuple[str, float]:
+    """Ending of a number's name in a lab's unit, and that unit in CGS."""
+    endings = {
+        ("cardiac_output",): ("_l_per_min", LITRE_PER_MINUTE),
+        ("regurgitant_fraction",): ("_percent", 0.01),
+        ("energy_loss",): ("_mJ", MILLIJOULE),
+        ("_volume",): ("_ml", 1.0),
+        ("_flow",): ("_ml_per_s", 1.0),
+        ("_area", "_pdva"): ("_cm2", 1.0),
+        ("_difference", "_aortic_pressure"): ("_mmHg", MMHG),
+        ("_start", "_half", "_end", "_duration", "_time"): ("_ms", 1.0e-3),
+        ("start",): ("_s", 1.0),
+    }
+    return next((unit for ends, unit in endings.items() if name.endswith(ends)), ("", 1.0))
+
+
+def lab_name(name: str) -> str:
+    """Return the name of a number with its unit in a lab."""
+    return name + _unit(name)[0]
+
+
+def _in_lab_unit(name: str, value: Any) -> tuple[str, Any]:
     """Name with its unit, and the value in it."""
-    unit, scale = "", 1.0
-    if name == "cardiac_output":
-        unit, scale = "_l_per_min", LITRE_PER_MINUTE
-    elif name == "regurgitant_fraction":
-        unit, scale = "_percent", 0.01
-    elif name == "start":
-        unit = "_s"
-    elif name.endswith("_volume"):
-        unit = "_ml"
-    elif "flow" in name:
-        unit = "_ml_per_s"
-    elif name.endswith(("_area", "_pdva")):
-        unit = "_cm2"
-    elif name.endswith(("_difference", "_aortic_pressure")):
-        unit, scale = "_mmHg", MMHG
-    elif name.endswith("energy_loss"):
-        unit, scale = "_mJ", MILLIJOULE
-    elif name.endswith(("_start", "_half", "_end", "_duration", "_time")):
-        unit, scale = "_ms", 1.0e-3
-    return name + unit, value / scale if isinstance(value, float) else value
+    return lab_name(name), value / _unit(name)[1] if isinstance(value, float) else value
 
 
 def effective_orifice_area(rms_flow: float, mean_difference: float, rho: float) -> float:
@@ -262,6 +281,23 @@ def cycle_change(record: ValveRecord) -> tuple[dict[str, float | None], dict[str
         if size == 0:
             reasons[name] = "zero throughout the last cycle"
     return change, reasons
+
+
+def repeated_cycle(record: ValveRecord, test: ValveTest, cycle: int) -> CycleNumbers | None:
+    """Return the numbers of a whole cycle that is repeated and cut where the valve is shut; None where it never is.
+
+    For a cycle whose edge cuts forward flow. Between its end and its start, which differ where a run is not periodic,
+    waveforms are linear.
+    """
+    x = cut(record, cycle)
+    t = np.concatenate([x["t"][:-1], x["t"] + record.period])
+    waves: dict[str, Any] = {name: np.concatenate([x[name][:-1], x[name]]) for name in record.signals}
+    twice = replace(record, t=t, start=None, **waves)
+    start = first_closed(twice)
+    if start is None:
+        return None
+    found = cycle_numbers(replace(twice, start=start), test, 0)
+    return replace(found, cycle=cycle, start=record.first + cycle * record.period + start, repeated=True)
 
 
 def _whole_cycle(x: dict[str, Array], period: float, test: ValveTest) -> dict[str, Any]:

@@ -31,6 +31,11 @@ class Written:
     values: Array
 
     @property
+    def centres(self) -> list[Array]:
+        """Centres of the cells along each axis [cm]."""
+        return [0.5 * (e[1:] + e[:-1]) for e in self.edges]
+
+    @property
     def rate(self) -> float:
         """Largest |u_d|/h_d [1/s]."""
         widths = [float(np.diff(e).min()) for e in self.edges]
@@ -76,10 +81,15 @@ class Particles:
         steps = max(1, int(np.ceil(length * max(before.rate, after.rate) / COURANT)))
         if steps > MOST_STEPS:
             raise ValueError(f"{steps} steps of the particles from t = {start:.6g} s to {after.t:.6g} s")
-        centres = [0.5 * (e[1:] + e[:-1]) for e in before.edges]
+        centres = before.centres
         dt = length / steps
         for k in range(steps):
             self._step(before, after, centres, (start + k * dt, dt))
+
+    def velocity(self, before: Written, after: Written, t: float) -> Array:
+        """Return the velocity at the particles at a time between two written ones, ``(n, 3)`` [cm/s]."""
+        s = (t - before.t) / (after.t - before.t)
+        return _linear(before.values, after.values, s, before.centres, self.x)[:, :3]
 
     def _step(
         self, before: Written, after: Written, centres: Sequence[Array], time: tuple[float, float]
