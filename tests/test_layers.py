@@ -52,9 +52,9 @@ INSIDE = {
         {"movies"},
     ],
     "studies": [
-        {"members", "stages", "bench_start", "comparison"},
+        {"members", "stages", "bench_start", "comparison", "figure_runs"},
         {"runner", "loop_stages"},
-        {"planning", "sweep", "beats"},
+        {"planning", "sweep", "beats", "figures"},
         {"sweep_picture", "validation"},
     ],
     "benchmarks": [

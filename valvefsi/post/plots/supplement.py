@@ -11,7 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 
     from valvefsi.types import Array
 
-MARGIN, HEAD, NAMES, BAR = 0.15, 0.95, 0.55, 0.75
-"""Inches: around a figure, for its headings, for the names of rows, for a colour bar."""
+MARGIN, HEAD, NAMES, BAR, ROOM = 0.15, 0.95, 0.55, 0.75, 0.55
+"""Inches: around a figure, for its headings, for the names of rows, for a colour bar, between two profiles."""
+ROOT = 0.4
+"""Power of a stress that goes with its colour: it is large in the shut valve only."""
 HEAT = mpl.colormaps["viridis"]
 
 
@@ -183,7 +185,10 @@ def leaflet_rows(
         waves: Open areas to draw above, none for none.
     """
     columns, above = max(len(row) for row in rows.values()), 2.2 if waves else 0.0
-    colours = ScalarMappable(Normalize(*scale[:2]), HEAT) if scale else None
+    views = [view for row in rows.values() for view in row if view is not None]
+    widest = max(float(np.abs(np.asarray(view["xyz"])[:, :2]).max()) for view in views)
+    reach = max(1.02 * widest, 1.1 * radius)
+    colours = ScalarMappable(PowerNorm(ROOT, *scale[:2]), HEAT) if scale else None
     with mpl.rc_context(STYLE):
         figure, grid = _table(len(rows), columns, (1.45, 1.6), list(rows), above, bar=scale is not None)
         for axes_row, row in zip(grid, rows.values(), strict=True):
@@ -194,7 +199,7 @@ def leaflet_rows(
                 shown = dict(view)
                 if colours is not None:
                     shown["colours"] = colours.to_rgba(np.asarray(view["values"]))[:, :3]
-                draw_end_view(axes, shown, radius, 1.14 * radius, small=True)
+                draw_end_view(axes, shown, radius, reach, small=True)
         if waves:
             _area_above(figure, waves, above)
         if colours is not None and scale is not None:
@@ -267,14 +272,14 @@ def _profiles(
     """Draw the profiles along each line, two rows of panels to the right of a place."""
     (left, columns), (width, height) = place, figure.get_size_inches()
     down = min(2, len(profiles))
-    inside = (height - HEAD - 0.75) / down
+    inside = (height - HEAD - 0.75 + ROOM) / down
     every = [values for line in profiles.values() for _, values in line.values()]
     low, high = min(float(v.min()) for v in every), max(float(v.max()) for v in every)
     room = 0.06 * (high - low)
     for k, (name, runs) in enumerate(profiles.items()):
         row, column = divmod(k, columns)
         bottom = 0.55 + (down - 1 - row) * inside
-        box = ((left + column * 2.4) / width, bottom / height, 1.9 / width, (inside - 0.55) / height)
+        box = ((left + column * 2.4) / width, bottom / height, 1.9 / width, (inside - ROOM) / height)
         axes = figure.add_axes(box)
         for colour, (run, (x, values)) in zip(LINES, runs.items(), strict=False):
             axes.plot(x, values, color=colour, linewidth=1.4, label=run)
