@@ -11,7 +11,7 @@ import pytest
 from tests.valve_waves import CLOSING, EJECTION, OPEN, PERIOD, SALINE, record, waves
 from valvefsi.case import load_case
 from valvefsi.case.valve_report import report_valve
-from valvefsi.post.valve_numbers import cycle_numbers, valve_numbers
+from valvefsi.post.valve_numbers import cycle_numbers, repeated_cycle, valve_numbers
 from valvefsi.post.valve_record import ValveRecord, first_closed
 from valvefsi.post.valve_times import TIMES
 from valvefsi.units import MMHG
@@ -121,6 +121,41 @@ def test_a_report_counts_whole_cycles_from_the_first_closed_phase(tmp_path):
     late = report_valve(case("circuit.ventricle.pump.cycles_from='3 s'"), tmp_path)["valve"]
     assert late["cycles"] == []
     assert "ends before the first cycle" in late["reasons"][0]
+
+
+def test_a_cycle_that_is_cut_in_forward_flow_is_repeated_and_cut_where_the_valve_is_shut(tmp_path):
+    history(tmp_path, shifted(0.0, cycles=3.0, samples=1000))
+    cut = report_valve(case("circuit.ventricle.pump.cycles_from='0.2 s'"), tmp_path)["valve"]
+    assert len(cut["cycles"]) == 2
+    expected = cycle_numbers(record(), SALINE).in_lab_units()
+    for k, cycle in enumerate(cut["cycles"]):
+        assert cycle["cycle"] == k
+        assert cycle["repeated"]
+        assert "missing" not in cycle
+        for name in (
+            "forward_volume_ml",
+            "effective_orifice_area_cm2",
+            "forward_energy_loss_mJ",
+            "open_time_ms",
+        ):
+            assert cycle[name] == pytest.approx(expected[name], rel=3e-3), name
+        for name in ("forward_start_ms", "opening_start_ms", "closing_end_ms"):
+            since = 1e3 * cycle["start_s"] + cycle[name] - expected[name]
+            assert (
+                since % (1e3 * PERIOD) == pytest.approx(0.0, abs=2.0)
+                or since % (1e3 * PERIOD) > 1e3 * PERIOD - 2
+            )
+        assert 0.2 + k * PERIOD <= cycle["start_s"] < 0.2 + (k + 1) * PERIOD
+    assert cut["plausible"]["mean difference"]["plausible"]
+    assert "repeated" in cut["definitions"]
+    whole = report_valve(case("circuit.ventricle.pump.cycles_from='0.7 s'"), tmp_path)["valve"]
+    assert "repeated" not in whole["cycles"][0]
+    assert "repeated" not in whole["definitions"]
+
+
+def test_a_valve_that_is_never_shut_has_no_cycle_to_repeat():
+    running = shifted(0.0, cycles=1.0, q=np.full(3001, 100.0))
+    assert repeated_cycle(running, SALINE, 0) is None
 
 
 def test_without_a_target_the_mean_pressure_is_not_judged(tmp_path):

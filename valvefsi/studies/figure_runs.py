@@ -125,7 +125,7 @@ def opening_and_closing(run: FigureRun) -> tuple[float | None, float | None]:
 
 
 def instants(times: Array, start: float, increment: float, most: int) -> Indices:
-    """Choose frames from a time on, an increment apart or as close as frames are, each once.
+    """Choose frames from that next to a time on, an increment apart or as close as frames are, each once.
 
     Args:
         times: Times of the frames in the cycle, ascending, ``(n,)`` [s].
@@ -134,7 +134,8 @@ def instants(times: Array, start: float, increment: float, most: int) -> Indices
         most: Largest number of them.
     """
     spacing = float(np.median(np.diff(times))) if len(times) > 1 else increment
-    wanted = start + max(increment, spacing) * np.arange(most)
+    begin = times[int(np.abs(times - start).argmin())]
+    wanted = begin + max(increment, spacing) * np.arange(most)
     wanted = wanted[wanted <= times[-1] + 0.5 * spacing]
     near = np.abs(times[:, None] - wanted).argmin(axis=0) if len(wanted) else np.zeros(0, dtype=np.int64)
     return np.unique(near)

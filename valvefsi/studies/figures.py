@@ -34,6 +34,7 @@ MOST, FEW = 8, 6
 """Most instants of leaflets and of planes in a row."""
 BETWEEN = 57.6e-3
 """From one instant of the flow to the next (S18, S19) [s]."""
+SYMBOLS = {"p_lv": "P_LV", "p_ao": "P_Ao", "q_ao": "Q", "pdva": "area"}
 Made = Callable[["Figure", list[FigureRun], list[Beat], Path], Path]
 
 
@@ -81,7 +82,8 @@ def draw_figure(name: str, paths: Sequence[Path], out: Path | None = None, *, tr
     records = [read_bench_beat(path) for path in files]
     runs = read_runs([path for path in map(Path, paths) if path not in files], trust=trust)
     if len(runs) < figure.runs:
-        message = f"figure {figure.name} sets {figure.runs} runs side by side, found {len(runs)}; name another folder"
+        several = f"{figure.runs} run{'s' * (figure.runs > 1)}"
+        message = f"figure {figure.name} sets {several} side by side, found {len(runs)}; name another folder"
         raise CaseError(message, file=Path(paths[0]))
     folder = out if out is not None else runs[0].folder
     return figure.make(figure, runs, records, Path(folder) / f"figure_{figure.name}.png")
@@ -98,9 +100,9 @@ def _waves(figure: Figure, runs: list[FigureRun], records: list[Beat], path: Pat
     """Waveforms of whole cycles over one another, S7 with the leaflets below."""
     beats = [_whole(run) for run in runs]
     lines = [_wave(beat) for beat in (*records, *beats)]
-    caption = _apart(beats) or "the last whole cycle of each"
+    caption = _apart(beats, records) or "the last whole cycle of each"
     if any(record.deviations for record in records):
-        caption += "; band: two standard deviations of the record"
+        caption += "\nband: two standard deviations of the record"
     if figure.name == "S6":
         return plots.waves_figure(path, lines, QUANTITIES, title=_title(figure), caption=caption)
     rows = {run.name: _moments(run, runs[0]) for run in runs}
@@ -124,16 +126,16 @@ def _wave(beat: Beat) -> plots.Wave:
     return plots.Wave(name=beat.name, t=t, values=values, deviations=deviations, measured=beat.measured)
 
 
-def _apart(beats: Sequence[Beat]) -> str:
-    """Differences of each run to the next (S24, S25) in words."""
+def _apart(beats: Sequence[Beat], records: Sequence[Beat]) -> str:
+    """Differences of each run to the next (S24, S25) and to each record, in words."""
     told = []
-    for a, b in pairwise(beats):
+    for a, b in [*pairwise(beats), *((a, b) for b in records for a in beats)]:
         t = b.grid
         both = [name for name in QUANTITIES if name in a.values and name in b.values]
         norms = [100 * normalised_difference(t, a.at(name, t), b.at(name, t)) for name in both]
-        said = ", ".join(f"{name} {norm:.2g} %" for name, norm in zip(both, norms, strict=True))
+        said = ", ".join(f"{SYMBOLS[name]} {norm:.2g} %" for name, norm in zip(both, norms, strict=True))
         told.append(f"{a.name} less {b.name} in L2: {said}")
-    return "; ".join(told)
+    return "\n".join(told)
 
 
 def _moments(run: FigureRun, clock: FigureRun) -> list[dict[str, Any] | None]:
@@ -245,7 +247,7 @@ def _averages(figure: Figure, runs: list[FigureRun], records: list[Beat], path: 
         )
     unit = "cm$^2$/s$^2$" if column == TKE else "cm/s"
     labels = ("TKE" if column == TKE else "mean $u_z$") + f" [{unit}]", "x [cm]"
-    caption = "; ".join(_averages_apart(figure, grids) or [f"averaged flow {_flow(run)}" for run in runs])
+    caption = "\n".join(_averages_apart(figure, grids) or [f"averaged flow {_flow(run)}" for run in runs])
     heading_: dict[str, str] = {"title": _title(figure), "caption": caption}
     return plots.mean_flow_figure(path, planes, profiles, labels=labels, **heading_)
 
@@ -310,7 +312,8 @@ def _stresses(figure: Figure, runs: list[FigureRun], records: list[Beat], path: 
     rows = {name: _views(run, chosen, stress=True) for name, run, chosen in _rows(figure, runs)}
     values = [view["values"] for row in rows.values() for view in row if view is not None]
     scale = (0.0, float(np.percentile(np.concatenate(values), 99.0)), "von Mises [kPa]")
-    heading: dict[str, Any] = {"title": _title(figure), "caption": _instants_said(figure, runs)}
+    said = _instants_said(figure, runs) + "; colours go with the power 0.4 of the stress"
+    heading: dict[str, Any] = {"title": _title(figure), "caption": said}
     return plots.leaflet_rows(
         path, rows, radius=0.5 * valve_of(runs[0].case).diameter, scale=scale, **heading
     )
@@ -365,7 +368,12 @@ def _views(run: FigureRun, chosen: Array, *, stress: bool = False) -> list[dict[
             continue
         number = int(np.abs(leaflets.t - frames[k][1]).argmin())
         points = leaflets.points[number]
-        view: dict[str, Any] = {"t": times[k], "triangles": leaflets.triangles, "owner": leaflets.owner}
+        view: dict[str, Any] = {
+            "radius": 0.5 * valve_of(run.case).diameter,
+            "t": times[k],
+            "triangles": leaflets.triangles,
+            "owner": leaflets.owner,
+        }
         view["xyz"] = np.concatenate([points, leaflets.edges(number).reshape(-1, 3)])
         if stress:
             view["values"] = _von_mises(run, frames[k][1])[leaflets.triangles].mean(axis=1)

@@ -18,15 +18,16 @@ from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
 from valvefsi.post.plots.slice import Slice, scale_of
 from valvefsi.post.plots.valve_comparison import LABELS
 from valvefsi.post.plots.valve_waveform import draw_end_view
-from valvefsi.post.plots.waveform import headings_at
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from valvefsi.types import Array
 
-MARGIN, HEAD, NAMES, BAR, ROOM = 0.15, 0.95, 0.55, 0.75, 0.55
+MARGIN, HEAD, NAMES, BAR, ROOM = 0.15, 0.85, 0.55, 0.75, 0.55
 """Inches: around a figure, for its headings, for the names of rows, for a colour bar, between two profiles."""
+AREA = 1.6
+"""Height of the open areas above leaflets [inch]."""
 ROOT = 0.4
 """Power of a stress that goes with its colour: it is large in the shut valve only."""
 HEAT = mpl.colormaps["viridis"]
@@ -75,11 +76,12 @@ def waves_figure(
     across = min(len(quantities), 2)
     down = -(-len(quantities) // across)
     with mpl.rc_context(STYLE):
-        height = 2.7 * down + HEAD + 0.75
+        head = HEAD + 0.15 * caption.count("\n")
+        height = 2.7 * down + head + 0.75
         figure = Figure(figsize=(4.7 * across + 0.3, height), dpi=160, facecolor="white")
         axes = np.ravel(figure.subplots(down, across, squeeze=False, sharex=True))
         figure.subplots_adjust(
-            0.16 / across, 0.55 / height, 0.985, 1 - (HEAD + 0.3) / height, wspace=0.25, hspace=0.12
+            0.16 / across, 0.55 / height, 0.985, 1 - (head + 0.2) / height, wspace=0.25, hspace=0.12
         )
         for panel, quantity in zip(axes, quantities, strict=False):
             wave_panel(panel, waves, quantity)
@@ -87,8 +89,8 @@ def waves_figure(
             panel.set_xlabel("t in the cycle [s]")
         for panel in axes[len(quantities) :]:
             panel.set_axis_off()
-        _legend(figure, axes[0], HEAD / height)
-        headings_at(figure, 0.16 / across, title, caption)
+        _legend(figure, axes[0], (head - 0.2) / height)
+        _headings(figure, 0.16 / across, title, caption)
         return saved(figure, path)
 
 
@@ -111,7 +113,7 @@ def wave_panel(axes: Axes, waves: Sequence[Wave], quantity: str) -> None:
 
 
 def _legend(figure: Figure, axes: Axes, top: float) -> None:
-    where = {"loc": "upper right", "bbox_to_anchor": (0.99, 1 - 0.72 * top)}
+    where = {"loc": "upper right", "bbox_to_anchor": (0.99, 1 - top)}
     figure.legend(*axes.get_legend_handles_labels(), frameon=False, fontsize=8.5, ncols=4, **where)
 
 
@@ -144,7 +146,7 @@ def plane_rows(
                 axes.set_title(f"t = {1e3 * panel.t:.1f} ms", fontsize=8, pad=2)
         assert mappable is not None  # or there was no panel
         _bar(figure, mappable, label)
-        headings_at(figure, _inches(figure, MARGIN)[0], title, caption)
+        _headings(figure, _inches(figure, MARGIN)[0], title, caption)
         return saved(figure, path)
 
 
@@ -177,14 +179,18 @@ def leaflet_rows(
     Args:
         path: The picture.
         rows: Views of each row by its name, see `valvefsi.post.plots.valve_waveform.valve_end_views`; a view's
-            ``values`` colour its triangles on the scale. None where there is no frame.
+            ``values`` colour its triangles on the scale, its ``radius`` is that of its own orifice. None where there
+            is no frame.
         radius: Radius of the orifice [cm].
         title: Heading.
         caption: Second line under it.
         scale: Ends and label of the scale of the values.
         waves: Open areas to draw above, none for none.
     """
-    columns, above = max(len(row) for row in rows.values()), 2.2 if waves else 0.0
+    columns, above = (
+        max(len(row) for row in rows.values()),
+        AREA + 0.6 + 0.15 * caption.count("\n") if waves else 0.0,
+    )
     views = [view for row in rows.values() for view in row if view is not None]
     widest = max(float(np.abs(np.asarray(view["xyz"])[:, :2]).max()) for view in views)
     reach = max(1.02 * widest, 1.1 * radius)
@@ -199,12 +205,12 @@ def leaflet_rows(
                 shown = dict(view)
                 if colours is not None:
                     shown["colours"] = colours.to_rgba(np.asarray(view["values"]))[:, :3]
-                draw_end_view(axes, shown, radius, reach, small=True)
+                draw_end_view(axes, shown, float(view.get("radius", radius)), reach, small=True)
         if waves:
             _area_above(figure, waves, above)
         if colours is not None and scale is not None:
             _bar(figure, colours, scale[2])
-        headings_at(figure, _inches(figure, MARGIN)[0], title, caption)
+        _headings(figure, _inches(figure, MARGIN)[0], title, caption)
         return saved(figure, path)
 
 
@@ -212,7 +218,7 @@ def _area_above(figure: Figure, waves: Sequence[Wave], above: float) -> None:
     """Draw the open areas over time above the rows."""
     width, height = figure.get_size_inches()
     bottom = height - HEAD - above + 0.5
-    axes = figure.add_axes((0.75 / width, bottom / height, 1 - 1.0 / width, (above - 0.6) / height))
+    axes = figure.add_axes((0.75 / width, bottom / height, 1 - 1.0 / width, AREA / height))
     wave_panel(axes, waves, "pdva")
     axes.set_xlabel("t in the cycle [s]", fontsize=9)
     axes.legend(frameon=False, fontsize=8.5, loc="upper right")
@@ -259,7 +265,7 @@ def mean_flow_figure(
         figure.colorbar(mappable, cax=bar).ax.tick_params(labelsize=8)
         bar.set_title(labels[0].replace(" [", "\n["), fontsize=8)
         _profiles(figure, profiles, (left + 1.35, columns), labels)
-        headings_at(figure, 0.15 / width, title, caption)
+        _headings(figure, 0.15 / width, title, caption)
         return saved(figure, path)
 
 
@@ -292,6 +298,13 @@ def _profiles(
         plain(axes)
         if k == 0 and len(runs) > 1:
             axes.legend(frameon=False, fontsize=7.5)
+
+
+def _headings(figure: Figure, x: float, title: str, caption: str) -> None:
+    """Put a heading and lines under it at the top of a figure, from x on."""
+    height = figure.get_size_inches()[1]
+    figure.text(x, 1 - 0.3 / height, title, fontsize=12, fontweight="bold", va="baseline")
+    figure.text(x, 1 - 0.38 / height, caption, fontsize=8.5, color=MUTED, va="top", linespacing=1.25)
 
 
 def _inches(figure: Figure, across: float) -> tuple[float, float]:
