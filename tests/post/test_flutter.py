@@ -51,6 +51,11 @@ def test_times_that_are_not_even_are_made_even():
     assert found.amplitude == pytest.approx(0.05, rel=0.06)
 
 
+def test_a_motion_slower_than_two_periods_in_the_window_is_no_flutter():
+    found = flutter(T, swing(9.0))
+    assert isinstance(found, str) or (found.frequency > 2 / 0.14 and found.share < 0.01)
+
+
 def test_a_leaflet_that_only_drifts_does_not_flutter():
     assert "no peak of the spectrum above 14.3 Hz, two periods in the window" in flutter(T, swing(1.0, 0.0))
     assert flutter(T, np.ones_like(T)).startswith("no peak")

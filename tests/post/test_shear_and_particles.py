@@ -68,9 +68,9 @@ def test_the_shear_of_a_pipe_is_that_of_its_parabola():
 
 @pytest.mark.parametrize("grade", [0.0, 0.3])
 def test_percentiles_go_by_the_volume_of_the_cells(grade):
-    edges, centres = box(grade=grade)
-    x = np.broadcast_to(centres[0][:, None, None], (24, 24, 24))
-    inside = np.broadcast_to(centres[1][:, None] > 0.0, (24, 24, 24))
+    edges, centres = box((96, 4, 4), grade=grade)
+    x = np.broadcast_to(centres[0][:, None, None], (96, 4, 4))
+    inside = np.broadcast_to(centres[1][:, None] > 0.0, (96, 4, 4))
     half, most, largest = volume_percentiles(x, edges, inside, (0.5, 0.95, 1.0))
     width = float(np.diff(edges[0]).max())
     low, high = edges[0][[0, -1]]
@@ -100,6 +100,17 @@ def test_the_dose_in_a_pipe_is_its_shear_over_the_time():
     r2 = seeds[:, 0] ** 2 + seeds[:, 1] ** 2
     assert particles.x[:, 2] - seeds[:, 2] == pytest.approx(0.1 * 4 * (1 - r2), rel=1e-9)
     assert particles.dose == pytest.approx(0.1 * MU * 8 * np.sqrt(r2), rel=1e-9)
+
+
+def test_the_dose_of_a_field_that_changes_along_the_path_is_its_integral():
+    """Along z = -0.5 + 8 t the field z/10 has the integral of that."""
+    edges, centres = box((4, 4, 24))
+    z = np.broadcast_to(centres[2], (4, 4, 24))
+    values = np.stack([0 * z, 0 * z, 8.0 + 0 * z, z / 10], axis=-1)
+    particles = Particles(np.array([[0.0, 0.0, -0.5]]))
+    particles.advance(*(Written(t=t, edges=edges, values=values) for t in (0.0, 0.1)))
+    assert particles.x[0, 2] == pytest.approx(0.3)
+    assert particles.dose[0] == pytest.approx((-0.5 * 0.1 + 8 * 0.1**2 / 2) / 10, rel=1e-9)
 
 
 def test_the_dose_converges_with_the_cells():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from tests.case.test_case_valve import COARSE
+from tests.case.test_case_valve import COARSE, DEMO
 from tests.case.test_valve_runs import run_folder
 from tests.valve_waves import LARGEST_AREA, waves
 from valvefsi.case import load_case
@@ -71,7 +71,8 @@ def beating(folder, times, *, cycles=1.0, overrides=(), stress=True):
 def steady(folder, cells=(20, 20, 32), size=1.0, lines=True):
     """A run in steady flow with averages: a jet of a size, and profiles across it."""
     case = load_case(
-        "demos/pericardial_valve_steady.toml", [*GRID, "output.averages_from='0.1 s'", "time.t_end='0.2 s'"]
+        DEMO.parent / "pericardial_valve_steady.toml",
+        [*GRID, "output.averages_from='0.1 s'", "time.t_end='0.2 s'"],
     )
     folder.mkdir(parents=True)
     (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from valvefsi.studies.figure_runs import instants, near, opening_and_closing, re
 from valvefsi.studies.figures import draw_figure, field_difference
 
 pytestmark = pytest.mark.serial
+RECORD = str(Path(__file__).parents[2] / "calibration" / "valve_beat.csv")
 TIMES = np.arange(0.0, PERIOD, 0.0125)
 
 
@@ -141,8 +143,7 @@ def test_the_stress_of_a_leaflet_is_that_of_its_frame(runs, monkeypatch, tmp_pat
 
 def test_waveforms_hold_the_differences_of_runs_and_of_records(runs, monkeypatch, tmp_path):
     calls = drawn(monkeypatch, "waves_figure")
-    record = "calibration/valve_beat.csv"
-    draw_figure("S6", [runs["beat"], runs["other"], record], tmp_path)
+    draw_figure("S6", [runs["beat"], runs["other"], RECORD], tmp_path)
     (waves, quantities), options = calls[0]
     assert [wave.measured for wave in waves] == [True, False, False]
     assert tuple(quantities) == ("p_lv", "p_ao", "q_ao", "pdva")
@@ -186,8 +187,8 @@ def test_the_difference_of_two_grids_is_that_of_their_fields():
         ("S8", ["nothing"], "no run here: expected the folder of a run, or of a study"),
         ("S8", ["bare"], "no such series; was the run made with output.frames?"),
         ("S14", ["bare"], "no such series; was the run made with output.frames?"),
-        ("S8", ["calibration/valve_beat.csv"], "figure S8 is of runs, this is a file"),
-        ("S6", ["calibration/valve_beat.csv"], "figure S6 sets 1 run side by side, found 0"),
+        ("S8", [RECORD], "figure S8 is of runs, this is a file"),
+        ("S6", [RECORD], "figure S6 sets 1 run side by side, found 0"),
     ],
 )
 def test_a_folder_that_lacks_what_a_figure_needs_is_refused(figure, folders, message, runs, tmp_path):
