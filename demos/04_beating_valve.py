@@ -70,7 +70,10 @@ subprocess.run(
 # ## What it leaves
 #
 # `history.csv`: flows, pressures, open area, volumes, over time. `summary.json`: the numbers of whole cycles (stroke
-# volume, pressure difference, effective orifice area, closing volume, leakage), each beside its plausible range.
+# volume, pressure difference, effective orifice area, closing volume, leakage, energy loss, opening and closing times),
+# some beside their plausible range, and of the leaflets and the fluid (flutter, coaptation, stress by phase and place,
+# shear stress and its exposure), each with what it means. `valvefsi numbers DIR` takes them again.
+# `valvefsi plot --figure S8 DIR` draws a finished beat as the supplement of Lee et al. 2020 does, S6 to S19.
 # `leaflets.png` and `free_edges.png`: the valve from downstream as it opens and closes. `paraview/`: series for
 # ParaView. `valvefsi plot DIR --slice y=0 --field velocity_z` and `valvefsi movie` draw planes of the fluid,
 # also while it runs.

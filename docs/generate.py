@@ -34,6 +34,7 @@ def everything(folder: Path) -> None:
     """Write all generated pages, after removing the old ones."""
     shutil.rmtree(folder, ignore_errors=True)
     pages = {"case_keys.md": case_keys(), "study_keys.md": study_keys(), "commands.md": commands()}
+    pages |= {"valve_numbers.md": valve_numbers()}
     pages |= {f"tutorials/{path.stem}.md": tutorial(path) for path in sorted((ROOT / "demos").glob("*.py"))}
     pages |= {f"api/{name}.rst": modules(name) for name in parts_of_the_package()}
     for name, text in pages.items():
@@ -192,6 +193,25 @@ def circuits() -> str:
         parameters = ", ".join(f"`{field.name}` [{UNITS[field.name[0]]}]" for field in fields(kind))
         lines.append((f"`{name}`", one_line(kind.__doc__), parameters))
     return "\n\n".join(["## Circuits", table(("model", "what", "parameters"), lines)])
+
+
+# Numbers of a valve
+
+
+def valve_numbers() -> str:
+    """Return every number of a valve in ``summary.json`` and what it means."""
+    from valvefsi.case.valve_report import meanings
+
+    head = (
+        "# Numbers of a valve\n\n"
+        "What `summary.json` says of a run with a valve, under `valve`. Its `definitions` say the same. Those of "
+        "`cycles` are of each whole cycle; times count from its start, backward volumes are positive. "
+        "`flutter`, `coaptation`, `places`, `shear` and `exposure` are of the last whole cycle (`window`; in steady "
+        "flow of what is averaged), from the frames and `free_edges.csv`. `valvefsi numbers DIR` takes them again from "
+        "a run that has ended."
+    )
+    lines = [(f"`{name}`", one_line(text.replace("``", "`"))) for name, text in meanings().items()]
+    return f"{head}\n\n{table(('number', 'meaning'), lines)}\n"
 
 
 # Commands

@@ -180,6 +180,7 @@ def test_a_wrong_command_is_noticed(line):
 @pytest.mark.parametrize("path", DOCUMENTS, ids=name_of)
 def test_every_link_of_a_document_leads_somewhere(path):
     made = {f"tutorials/{demo.stem}.md" for demo in DEMOS} | {"case_keys.md", "study_keys.md", "commands.md"}
+    made |= {"valve_numbers.md"}
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", FENCE.sub("", path.read_text(encoding="utf-8"))):
         if "://" in target:
             continue
@@ -212,6 +213,19 @@ def test_every_command_is_on_its_page():
     for name in ("run", "bench cavity", "fit biaxial", "mesh import", "validate", "verify", "sample"):
         assert f"## `valvefsi {name}`" in page
     assert "| `--reynolds` |" in page
+
+
+def test_every_number_of_a_valve_is_on_its_page():
+    page = generate.valve_numbers()
+    for name in (
+        "effective_orifice_area_cm2",
+        "forward_energy_loss_mJ",
+        "opening_half_ms",
+        "flutter",
+        "exposure",
+    ):
+        assert f"| `{name}` |" in page
+    assert "rms_flow/(51.6 sqrt(mean_pressure_difference/density))" in page
 
 
 def test_every_module_has_a_page_and_can_be_imported():

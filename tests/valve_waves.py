@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
+from scipy.integrate import quad
 
 from valvefsi.post.valve_record import ValveRecord, ValveTest
 from valvefsi.units import MMHG
@@ -46,6 +49,23 @@ def record(cycles=1.0, samples=4000, **change):
     return ValveRecord(t=t, period=PERIOD, **(waves(t) | change))
 
 
+def power(t):
+    """What the flow loses over the valve [erg/s]."""
+    now = waves(t)
+    return (now["p_lv"] - now["p_ao"]) * now["q"]
+
+
+def lost(first, last):
+    """Energy that is lost from one time to another, by Gauss' quadrature of the closed forms [erg]."""
+    kinks = [
+        k
+        for k in (OPEN, OPEN + EJECTION, OPEN + EJECTION + CLOSING, OPEN + EJECTION + 0.09)
+        if first < k < last
+    ]
+    ends = [first, *kinks, last]
+    return sum(quad(power, a + 1e-9, b - 1e-9)[0] for a, b in itertools.pairwise(ends))
+
+
 def closed_forms():
     """The numbers of the waveforms above."""
     ratio = INERTIAL / (2 * QUADRATIC)
@@ -54,6 +74,8 @@ def closed_forms():
     rms, mean = PEAK * np.sqrt(squares / s), (QUADRATIC * squares + INERTIAL * np.sin(s)) / s
     forward, closing = 2 * PEAK * EJECTION / np.pi, 2 * BACKFLOW * CLOSING / np.pi
     leakage = LEAKAGE * (PERIOD - EJECTION)
+    # Closing ends where its half sine falls below the floor, 2 % of the peak flow.
+    shut = OPEN + EJECTION + CLOSING * (1 - np.arcsin(0.02 * PEAK / BACKFLOW) / np.pi)
     return {
         "forward_volume": forward,
         "net_volume": forward - closing - leakage,
@@ -74,14 +96,22 @@ def closed_forms():
         "closing_volume": closing + LEAKAGE * CLOSING,
         "leakage_volume": leakage - LEAKAGE * CLOSING,
         "leakage_flow": LEAKAGE,
+        "forward_energy_loss": 4 / 3 * QUADRATIC * PEAK * EJECTION / np.pi,
+        "closing_energy_loss": lost(OPEN + EJECTION, shut),
+        "leakage_energy_loss": lost(0.0, OPEN) + lost(shut, PERIOD),
+        "energy_loss": lost(0.0, PERIOD),
         "opening_start": OPEN + 0.004,
+        "opening_half": OPEN + 0.02,
         "opening_end": OPEN + 0.036,
         "closing_start": OPEN + EJECTION - 0.042,
+        "closing_half": OPEN + EJECTION - 0.01,
         "closing_end": OPEN + EJECTION + CLOSING - 0.008,
         "opening_duration": 0.032,
         "open_duration": EJECTION - 0.078,
         "closing_duration": 0.064,
+        "open_time": EJECTION + CLOSING - 0.012,
         "peak_pdva": LARGEST_AREA,
+        "mean_pdva": LARGEST_AREA * (EJECTION - 0.09 + 0.04 / 2 + 0.05 * (1 + 3 / 8) / 2) / EJECTION,
         "peak_reynolds": 4 * PEAK / (np.pi * 2.5 * 0.01),
         "mean_aortic_pressure": 100 * MMHG,
     }

@@ -11,8 +11,9 @@ import pytest
 from tests.valve_waves import CLOSING, EJECTION, OPEN, PERIOD, SALINE, record, waves
 from valvefsi.case import load_case
 from valvefsi.case.valve_report import report_valve
-from valvefsi.post.valve_numbers import TIMES, cycle_numbers, valve_numbers
+from valvefsi.post.valve_numbers import cycle_numbers, repeated_cycle, valve_numbers
 from valvefsi.post.valve_record import ValveRecord, first_closed
+from valvefsi.post.valve_times import TIMES
 from valvefsi.units import MMHG
 
 DEMO = Path(__file__).parents[2] / "demos" / "pericardial_valve.toml"
@@ -37,7 +38,7 @@ def test_the_first_cycle_starts_where_the_valve_is_closed_first(phase, area):
         # Backflow is little, 5 % of the peak flow, before its half sine ends.
         assert CLOSED - CLOSING / 3 < start + phase - 0.02 * PERIOD <= CLOSED
     got = cycle_numbers(dataclasses.replace(given, start=start), SALINE, 0)
-    assert got.reasons.keys() <= {"peak_pdva"}
+    assert got.reasons.keys() <= {"peak_pdva", "mean_pdva", "opening_half", "closing_half"}
     assert got.forward_volume == pytest.approx(cycle_numbers(record(), SALINE).forward_volume, rel=1e-5)
     since = start + phase if start + phase < OPEN else start + phase - PERIOD
     assert got.forward_start == pytest.approx(OPEN - since, abs=PERIOD / 3000)
@@ -120,6 +121,41 @@ def test_a_report_counts_whole_cycles_from_the_first_closed_phase(tmp_path):
     late = report_valve(case("circuit.ventricle.pump.cycles_from='3 s'"), tmp_path)["valve"]
     assert late["cycles"] == []
     assert "ends before the first cycle" in late["reasons"][0]
+
+
+def test_a_cycle_that_is_cut_in_forward_flow_is_repeated_and_cut_where_the_valve_is_shut(tmp_path):
+    history(tmp_path, shifted(0.0, cycles=3.0, samples=1000))
+    cut = report_valve(case("circuit.ventricle.pump.cycles_from='0.2 s'"), tmp_path)["valve"]
+    assert len(cut["cycles"]) == 2
+    expected = cycle_numbers(record(), SALINE).in_lab_units()
+    for k, cycle in enumerate(cut["cycles"]):
+        assert cycle["cycle"] == k
+        assert cycle["repeated"]
+        assert "missing" not in cycle
+        for name in (
+            "forward_volume_ml",
+            "effective_orifice_area_cm2",
+            "forward_energy_loss_mJ",
+            "open_time_ms",
+        ):
+            assert cycle[name] == pytest.approx(expected[name], rel=3e-3), name
+        for name in ("forward_start_ms", "opening_start_ms", "closing_end_ms"):
+            since = 1e3 * cycle["start_s"] + cycle[name] - expected[name]
+            assert (
+                since % (1e3 * PERIOD) == pytest.approx(0.0, abs=2.0)
+                or since % (1e3 * PERIOD) > 1e3 * PERIOD - 2
+            )
+        assert 0.2 + k * PERIOD <= cycle["start_s"] < 0.2 + (k + 1) * PERIOD
+    assert cut["plausible"]["mean difference"]["plausible"]
+    assert "repeated" in cut["definitions"]
+    whole = report_valve(case("circuit.ventricle.pump.cycles_from='0.7 s'"), tmp_path)["valve"]
+    assert "repeated" not in whole["cycles"][0]
+    assert "repeated" not in whole["definitions"]
+
+
+def test_a_valve_that_is_never_shut_has_no_cycle_to_repeat():
+    running = shifted(0.0, cycles=1.0, q=np.full(3001, 100.0))
+    assert repeated_cycle(running, SALINE, 0) is None
 
 
 def test_without_a_target_the_mean_pressure_is_not_judged(tmp_path):

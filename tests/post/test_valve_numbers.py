@@ -64,6 +64,15 @@ def test_flow_that_creeps_forward_through_the_closed_valve_does_not_begin_the_fo
         assert getattr(b, name) == pytest.approx(getattr(a, name), rel=5e-3), name
 
 
+def test_the_energy_that_is_lost_is_what_its_parts_lose():
+    got = cycle_numbers(record(), SALINE)
+    parts = got.forward_energy_loss + got.closing_energy_loss + got.leakage_energy_loss
+    assert got.energy_loss == pytest.approx(parts, rel=1e-13)
+    assert got.in_lab_units()["forward_energy_loss_mJ"] == pytest.approx(
+        1e-4 * got.forward_energy_loss, rel=1e-13
+    )
+
+
 def test_the_numbers_converge_with_the_samples():
     expected = closed_forms()["effective_orifice_area"]
 
@@ -175,7 +184,7 @@ def test_without_the_area_the_times_come_from_the_flow():
     tail = CLOSING * np.arcsin(0.02 * PEAK / BACKFLOW) / np.pi
     assert got.closing_end == pytest.approx(OPEN + EJECTION + CLOSING - tail, abs=2e-4)
     assert got.peak_pdva is None
-    assert set(got.reasons) == {"peak_pdva"}
+    assert set(got.reasons) == {"peak_pdva", "mean_pdva", "opening_half", "closing_half"}
 
 
 def test_two_equal_cycles_give_equal_numbers_and_no_change():

@@ -69,6 +69,7 @@ def test_a_homogeneous_deformation_gives_the_closed_form_at_points_and_nodes(com
         "pk1": pk1,
         "pk2": np.linalg.inv(full) @ pk1,
         "cauchy": sigma,
+        "principal_stresses": np.linalg.eigvalsh(sigma)[::-1],
         "von_mises": np.sqrt(1.5 * (deviator**2).sum()),
         "principal_stretches": np.sqrt(np.linalg.eigvalsh(full.T @ full))[::-1],
         "J": J,
@@ -97,7 +98,7 @@ def test_a_rotation_changes_no_stretch_and_no_invariant_of_the_stress(comm, kind
     F = np.eye(dim) + 0.2 * np.random.default_rng(5).uniform(-1, 1, (dim, dim))
     Q = np.eye(dim)
     Q[:2, :2] = [[0.6, -0.8], [0.8, 0.6]]
-    names = ("pk2", "von_mises", "principal_stretches", "fibre_stretch", "J")
+    names = ("pk2", "von_mises", "principal_stresses", "principal_stretches", "fibre_stretch", "J")
     fibre = (1.0, *[0.0] * (dim - 1))
     one, two = (homogeneous(comm, kind, G, fibre=fibre).at_points(*names) for G in (F, Q @ F))
     for name in names:

@@ -86,7 +86,7 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD, changes: Chang
     circulation = build_circulation(case)
     bodies = (*elastic, *rigid)
     model = Model(grid=grid, fluid=fluid, bodies=bodies, circulation=circulation)
-    return Simulation(model, _schedule(case), _output(case, out, grid, changes))
+    return Simulation(model, _schedule(case), _output(case, out, grid, changes, meshes))
 
 
 def _coupling(fluid: NavierStokes, given: Solid, solid: Structure) -> Coupling | ElementalCoupling:
@@ -362,7 +362,9 @@ def _forces(case: Case, grid: MacGrid) -> tuple[ForceOutput, ...]:
     return tuple(forces)
 
 
-def _output(case: Case, out: Path, grid: MacGrid, changes: Changes) -> Output:
+def _output(
+    case: Case, out: Path, grid: MacGrid, changes: Changes, meshes: Mapping[int, SolidMesh]
+) -> Output:
     probes = tuple(
         Probe(name=probe.name, body=number, at=tuple(probe.at))
         for number, solid in enumerate(case.solid)
@@ -378,7 +380,7 @@ def _output(case: Case, out: Path, grid: MacGrid, changes: Changes) -> Output:
         probes=probes,
         forces=_forces(case, grid),
         energy=case.output.energy,
-        orifice=find_orifice(case),
+        orifice=find_orifice(case, meshes),
         averages_from=case.output.averages_from,
         lines={
             line.name: Line(start=line.start, end=line.end, points=line.points) for line in case.output.line

@@ -44,7 +44,9 @@ Kernel = Literal[
     "composite_bspline54",
     "composite_bspline65",
 ]
-SolidQuantity = Literal["pk1", "pk2", "cauchy", "von_mises", "principal_stretches", "fibre_stretch", "J"]
+SolidQuantity = Literal[
+    "pk1", "pk2", "cauchy", "principal_stresses", "von_mises", "principal_stretches", "fibre_stretch", "J"
+]
 MOST_STEPS = 10**9
 """Time steps that a run may have."""
 RECTANGLE = ("body", *SIDES[:4])

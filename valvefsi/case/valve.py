@@ -22,7 +22,7 @@ from valvefsi.errors import CaseError, StabilityError, raise_together
 from valvefsi.geometry.aortic_section import PointSurface, joined
 from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.geometry.patches import patch_labels
-from valvefsi.geometry.ribbons import MiddleLine, middle_lines
+from valvefsi.geometry.ribbons import MiddleLine, middle_lines, middle_of
 from valvefsi.geometry.stent import FormulaEdge, LineEdge, StentEdge, edge_line, stent_wall
 from valvefsi.geometry.tagged import TaggedSurfaces, gather_surfaces
 from valvefsi.geometry.wall import radius_at, read_wall, wall_points
@@ -95,10 +95,44 @@ def valve_of(case: Case) -> Valve:
     return found
 
 
-def find_orifice(case: Case) -> Orifice | None:
-    """Return the orifice of a case with a valve, None without one."""
+def find_orifice(case: Case, meshes: Mapping[int, SolidMesh]) -> Orifice | None:
+    """Return the orifice of a case with a valve, and the middles of the free edges, None without one.
+
+    Args:
+        case: The case.
+        meshes: Meshes of the solids by their numbers.
+
+    Note:
+        Collective.
+    """
     valve = find_valve(case)
-    return None if valve is None else Orifice(body=valve.number, radius=0.5 * valve.diameter)
+    if valve is None:
+        return None
+    edges = leaflet_edges(case, valve.number, meshes[valve.number])
+    lines = [line.at(edges.surfaces.points) for line in edges.free]
+    middles = tuple(tuple(map(float, line[middle_of(line)[0]])) for line in lines)
+    return Orifice(body=valve.number, radius=0.5 * valve.diameter, middles=middles)
+
+
+def wall_radius(case: Case, phi: Array, z: Array) -> Array | None:
+    """Return the distance of a case's housing from the z axis, None without a housing.
+
+    Args:
+        case: The case.
+        phi: Azimuths, ``(n,)`` [rad].
+        z: Heights, ``(m,)`` [cm].
+
+    Returns:
+        Distances, ``(n, m)`` [cm].
+    """
+    housing = case.housing
+    if housing is None:
+        return None
+    if housing.file is None:
+        return housing.section().radius(phi[:, None], np.broadcast_to(z, (len(phi), len(z))))
+    h, (low, high) = case.grid.spacing, case.grid.bounds[2]
+    wall, _ = _wall(case, housing, (low + 0.5 * h, high - 0.5 * h), MPI.COMM_SELF)
+    return np.stack([radius_at(wall, float(at), phi) for at in z], axis=1)
 
 
 def leaflet_edges(case: Case, number: int, mesh: SolidMesh) -> LeafletEdges:

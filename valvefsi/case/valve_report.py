@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,22 @@ from valvefsi.case.circuit_tables import CircuitTable, Pump
 from valvefsi.case.circulation import connected
 from valvefsi.case.models import Case
 from valvefsi.case.valve import find_valve, valve_of
-from valvefsi.case.valve_views import draw_leaflets
+from valvefsi.case.valve_motion import MEANINGS as MOTION
+from valvefsi.case.valve_motion import coaptation_numbers, flutter_numbers, place_numbers
+from valvefsi.case.valve_shear import MEANINGS as SHEAR
+from valvefsi.case.valve_shear import shear_numbers
+from valvefsi.case.valve_views import draw_leaflets, read_leaflets
+from valvefsi.io.grid_files import times_of
 from valvefsi.io.history import read_history
-from valvefsi.post.valve_numbers import CycleNumbers, cycle_change, valve_numbers
+from valvefsi.post.valve_numbers import (
+    CycleNumbers,
+    cycle_change,
+    lab_name,
+    number_meanings,
+    repeated_cycle,
+    valve_numbers,
+)
+from valvefsi.post.valve_phases import Window, cycle_window
 from valvefsi.post.valve_record import ValveRecord, ValveTest, fault, first_closed
 from valvefsi.run.recorded_stress import leaflet_peaks
 from valvefsi.units import MMHG
@@ -41,18 +54,74 @@ PLAUSIBLE = {
 def report_valve(case: Case, out: Path) -> dict[str, object]:
     """Return the numbers of a valve for ``summary.json``, and draw its pictures.
 
-    Peaks of strain and stress in each leaflet, ``leaflets.png`` and ``free_edges.png``, where the run has written
-    frames; numbers of each cycle and ``valve.png`` for a valve between two circuits, or two sections that are called
-    upstream and downstream. Empty for a case without a valve.
+    Where the run has written frames: peaks of strain and stress in each leaflet, and by place; flutter, coaptation,
+    shear stress and its exposure; ``leaflets.png`` and ``free_edges.png``. Numbers of each cycle and ``valve.png`` for
+    a valve between two circuits, or two sections that are called upstream and downstream. What each means is beside
+    them. Empty for a case without a valve.
     """
     if not has_valve(case):
         return {}
     draw_valve(case, out, out)
-    found = _cycles(case, out)
+    return report_numbers(case, out)
+
+
+def report_numbers(case: Case, folder: Path) -> dict[str, object]:
+    """Return what `report_valve` does of a run in a folder, and draw nothing."""
+    found = _cycles(case, folder)
     numbers = {} if found is None else _numbers(case, *found)
-    leaflets = leaflet_peaks(out)
+    leaflets = leaflet_peaks(folder)
     numbers |= {"leaflets": leaflets} if leaflets else {}
-    return {"valve": numbers} if numbers else {}
+    numbers |= _of_frames(case, folder, found)
+    if not numbers:
+        return {}
+    told = meanings()
+    return {"valve": numbers | {"definitions": {name: told[name] for name in told if _is_in(name, numbers)}}}
+
+
+def meanings() -> dict[str, str]:
+    """Return what the numbers of a valve mean, by their names with units."""
+    cycle = {lab_name(name): text for name, text in number_meanings().items()}
+    return cycle | MOTION | SHEAR
+
+
+def _is_in(name: str, numbers: Mapping[str, Any]) -> bool:
+    """Whether a name is one of those of a report, or of its cycles."""
+    return name in numbers or any(name in cycle for cycle in numbers.get("cycles", ()))
+
+
+def _of_frames(
+    case: Case, folder: Path, found: tuple[History, ValveRecord, list[CycleNumbers]] | None
+) -> dict[str, object]:
+    """Numbers of the leaflets' motion and of the shear stress in the last whole cycle, from the frames."""
+    valve = valve_of(case)
+    if not (Path(folder) / "paraview" / f"{valve.name}.pvd").is_file():
+        return {}
+    window = _window(case, folder, found)
+    leaflets = read_leaflets(case, folder, (window.start, window.end))
+    if len(leaflets.t) < 2:
+        return {}
+    return {
+        "window": {"from_s": window.start, "to_s": window.end, "phases": list(window.names)},
+        "flutter": flutter_numbers(folder, window),
+        "coaptation": coaptation_numbers(case, leaflets, window),
+        "places": place_numbers(case, folder, leaflets, window),
+    } | shear_numbers(case, folder, window)
+
+
+def _window(
+    case: Case, folder: Path, found: tuple[History, ValveRecord, list[CycleNumbers]] | None
+) -> Window:
+    """Part of a run that its frames are reported of: the last whole cycle, else all that is averaged, else all."""
+    if found is not None and found[2] and found[2][-1].net_volume is not None:
+        _, record, cycles = found
+        first = record.first + cycles[-1].cycle * record.period
+        window = cycle_window(cycles[-1], record.period, first, first + record.period)
+        if window is not None:
+            return window
+    times = [t for t, _ in times_of(Path(folder) / "paraview" / f"{valve_of(case).name}.pvd")]
+    start = max(times[0], case.output.averages_from or 0.0)
+    start = start if start < times[-1] else times[0]
+    return Window(start=start, end=times[-1], forward=(start, times[-1]))
 
 
 def has_valve(case: Case) -> bool:
@@ -67,7 +136,8 @@ def draw_valve(case: Case, folder: Path, out: Path) -> list[Path]:
         _, record, cycles = found
         made.append(_draw(case, out, record, cycles[-1]))
         if cycles[-1].net_volume is not None:
-            window = cycles[-1].start, cycles[-1].start + record.period
+            start = record.first + cycles[-1].cycle * record.period
+            window = start, start + record.period
     return made + draw_leaflets(case, folder, out, window)
 
 
@@ -81,7 +151,16 @@ def _cycles(case: Case, out: Path) -> tuple[History, ValveRecord, list[CycleNumb
         return None
     record = _begun(case, valve_record(case, history, pump_of(case).period or case.time.t_end))
     begun = valve_numbers(record, valve_test(case))
-    return history, record, [c for k, c in enumerate(begun) if not fault(record, k)] or begun[-1:]
+    whole = [_uncut(case, record, c) for k, c in enumerate(begun) if not fault(record, k)]
+    return history, record, whole or begun[-1:]
+
+
+def _uncut(case: Case, record: ValveRecord, cycle: CycleNumbers) -> CycleNumbers:
+    """A whole cycle, repeated where its edge cuts forward flow."""
+    if cycle.forward_volume is not None and cycle.opening_start is not None:
+        return cycle
+    found = repeated_cycle(record, valve_test(case), cycle.cycle)
+    return found if found is not None and found.forward_volume is not None else cycle
 
 
 def _numbers(
@@ -102,7 +181,8 @@ def _numbers(
 
 def _told(cycle: CycleNumbers) -> dict[str, object]:
     """The numbers that a cycle has, and what is missing, by its reason."""
-    known = {name: value for name, value in cycle.in_lab_units().items() if value is not None}
+    told = cycle.in_lab_units().items()
+    known = {name: value for name, value in told if value is not None and value is not False}
     missing: dict[str, list[str]] = {}
     for name, reason in cycle.reasons.items():
         missing.setdefault(reason, []).append(name)
@@ -206,5 +286,6 @@ def _draw(case: Case, out: Path, record: ValveRecord, cycle: CycleNumbers) -> Pa
         "pdva": record.pdva,
     }
     if cycle.forward_start is not None and cycle.forward_end is not None:
-        waves["forward"] = np.array([[cycle.start + cycle.forward_start, cycle.start + cycle.forward_end]])
+        ends = np.array([[cycle.start + cycle.forward_start, cycle.start + cycle.forward_end]])
+        waves["forward"] = ends - record.period * (ends[0, 1] > record.t[-1])
     return valve_waveforms(Path(out) / "valve.png", waves, title=case.title)

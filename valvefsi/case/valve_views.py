@@ -16,7 +16,7 @@ from valvefsi.case.meshes import solid_mesh
 from valvefsi.case.models import Case
 from valvefsi.case.valve import leaflet_edges, valve_of
 from valvefsi.errors import CaseError
-from valvefsi.geometry.ribbons import MiddleLine
+from valvefsi.geometry.ribbons import MiddleLine, middle_of
 from valvefsi.geometry.tagged import TaggedSurfaces
 from valvefsi.grid import Array
 from valvefsi.io.grid_files import times_of
@@ -43,6 +43,10 @@ class Leaflets:
         owner: Number of each triangle's leaflet from 0, ``(k,)``.
         lines: Middle line of each leaflet's free edge, of the nodes.
         area: Projected open area, ``(m,)`` [cm^2].
+        inflow: Corners of their faces towards the inflow, in turn, ``(l, 3 or 4)``.
+        inflow_owner: Number of the leaflet of each of these, ``(l,)``.
+        free: Points along each free edge in the reference configuration, ``(p, 3)`` [cm].
+        attached: The same of each attached edge.
     """
 
     t: Array
@@ -51,6 +55,10 @@ class Leaflets:
     owner: Indices
     lines: tuple[MiddleLine, ...]
     area: Array
+    inflow: Indices
+    inflow_owner: Indices
+    free: tuple[Array, ...]
+    attached: tuple[Array, ...]
 
     def edges(self, k: int) -> Array:
         """Ends of the pieces of the free edges at a frame, ``(pieces, 2, 3)`` [cm]."""
@@ -61,9 +69,7 @@ class Leaflets:
         """How far the middle of each free edge is from the axis, negative beyond it, ``(m, leaflets)`` [cm]."""
         found = np.empty((len(self.t), len(self.lines)))
         for number, line in enumerate(self.lines):
-            xy = line.at(self.points[0])[:, :2]
-            way = xy.mean(axis=0) / np.linalg.norm(xy.mean(axis=0))
-            middle = np.abs(xy @ np.array([-way[1], way[0]])).argmin()
+            middle, way = middle_of(line.at(self.points[0]))
             for k in range(len(self.t)):
                 found[k, number] = line.at(self.points[k])[middle, :2] @ way
         return found
@@ -135,19 +141,25 @@ def read_leaflets(case: Case, folder: Path, window: tuple[float, float] | None =
     bodies = [read_body(path) for _, path in found]
     if not bodies:
         none, no = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-        return Leaflets(t=none, points=none, triangles=no, owner=no, lines=(), area=none)
+        empty: dict[str, Any] = {"inflow": no, "inflow_owner": no, "free": (), "attached": ()}
+        return Leaflets(t=none, points=none, triangles=no, owner=no, lines=(), area=none, **empty)
     edges = leaflet_edges(case, valve.number, solid_mesh(case, valve.number, MPI.COMM_SELF))
-    node = _nodes(edges.surfaces, bodies[0], series)
+    node, rest = _nodes(edges.surfaces, bodies[0], series), edges.surfaces.points
     lines = tuple(replace(line, nodes=node[line.nodes]) for line in edges.free)
     triangles = np.concatenate([surface_triangles(kind, cells) for kind, cells in bodies[0].cells.items()])
     disk: dict[str, Any] = {"radius": 0.5 * valve.diameter, "axis": AXIS, "centre": CENTRE, "rows": 128}
+    owner, inflow = _owners(triangles, lines, len(bodies[0].points)), node[edges.surfaces.faces["inflow"]]
     return Leaflets(
         t=np.array([t for t, _ in found]),
         points=np.stack([end_view(body.points, AXIS, CENTRE) for body in bodies]),
         triangles=triangles,
-        owner=_owners(triangles, lines, len(bodies[0].points)),
+        owner=owner[triangles[:, 0]],
         lines=lines,
         area=np.array([projected_area(body.points, triangles, **disk).open_area for body in bodies]),
+        inflow=inflow,
+        inflow_owner=owner[inflow[:, 0]],
+        free=tuple(line.at(rest) for line in edges.free),
+        attached=tuple(line.at(rest) for line in edges.attached),
     )
 
 
@@ -163,11 +175,11 @@ def _nodes(surfaces: TaggedSurfaces, body: Body, series: Path) -> Indices:
 
 
 def _owners(triangles: Indices, lines: tuple[MiddleLine, ...], count: int) -> Indices:
-    """Return the leaflet of each triangle: the first whose free edge is on the same connected piece, else 0."""
+    """Return the leaflet of each node: the first whose free edge is on the same connected piece, else 0."""
     edges = np.concatenate([triangles[:, :2], triangles[:, 1:]])
     graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
     pieces, piece = connected_components(graph, directed=False)
     owner = np.zeros(pieces, dtype=np.int64)
     for number, line in reversed(list(enumerate(lines))):
         owner[piece[line.nodes[0, 0]]] = number
-    return owner[piece[triangles[:, 0]]]
+    return owner[piece]

@@ -28,6 +28,7 @@ from valvefsi.cli.fit import fit
 from valvefsi.cli.mesh import mesh
 from valvefsi.cli.movie import movie
 from valvefsi.cli.new import new
+from valvefsi.cli.numbers import numbers
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
@@ -57,6 +58,7 @@ app.command()(case)
 app.command()(plot)
 app.command()(movie)
 app.command()(compare)
+app.command()(numbers)
 app.command()(doctor)
 app.command()(validate)
 app.command()(verify)

@@ -3,61 +3,105 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from valvefsi.cli.movie import Cut, read_plane
+from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import Out, Trust, plain
 from valvefsi.errors import CaseError
 
 
-def plot(
+@dataclass(frozen=True, kw_only=True)
+class PlotCommand:
+    """Arguments and options of ``plot``."""
+
     folder: Annotated[
         Path,
         typer.Argument(
             metavar="DIR", help="Folder of results, or one .vtu or .pvd file; with --fibres a case file."
         ),
-    ],
+    ]
+    more: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[DIR2 ...]", help="With --figure: other runs, and a record (CSV) for S6 and S7."
+        ),
+    ] = None
+    figure: Annotated[
+        str | None,
+        typer.Option(
+            "--figure",
+            metavar="S6...S19",
+            help="A figure as in the supplement of Lee et al. 2020, of runs or of the runs of a study: S6, S7 "
+            "waveforms and open area; S8, S9 vorticity; S10 to S13 averages of steady flow; S14, S15 leaflets; "
+            "S16, S17 their stress; S18, S19 two fluids.",
+        ),
+    ] = None
     field: Annotated[
         str | None, typer.Option("--field", help="What is shown, such as J or 'von Mises stress'.")
-    ] = None,
+    ] = None
     t: Annotated[
         float | None,
         typer.Option(
             "--time", help=plain("Time of a series [s], the nearest there is; the last if left out.")
         ),
-    ] = None,
+    ] = None
     fibres: Annotated[
         bool, typer.Option("--fibres", help="Draw the fibre fields of a case file instead; nothing is run.")
-    ] = False,
-    cut: Cut = None,
-    out: Out = None,
-    trust: Trust = False,
-) -> None:
-    """Draw every deformed solid in a folder of results, a plane of its fluid, or the fibres of a case."""
+    ] = False
+    cut: Cut = None
+    out: Out = None
+    trust: Trust = False
+
+
+@options_of(PlotCommand)
+def plot(options: PlotCommand) -> None:
+    """Draw every deformed solid in a folder of results, a plane of its fluid, or the fibres of a case.
+
+    With --figure: runs side by side at the same instants, as a figure of the supplement of Lee et al. 2020.
+    """
     from mpi4py import MPI
 
+    folder, field, t = options.folder, options.field, options.t
+    out = options.out if options.out is not None else folder
     if t is not None and not math.isfinite(t):
         raise CaseError("expected a finite time", key="--time", value=t)
-    if fibres:
-        _draw_fibres(folder, out if out is not None else Path(), trust)
+    if options.more and options.figure is None:
+        raise CaseError(
+            "several folders go with --figure, such as --figure S6", key="DIR2", value=str(options.more[0])
+        )
+    if options.fibres:
+        _draw_fibres(folder, options.out if options.out is not None else Path(), options.trust)
         return
-    if MPI.COMM_WORLD.rank == 0 and (cut is not None or _is_of_fluid(folder, field)):
-        from valvefsi.post.movies import draw_plane
-
-        where = out if out is not None else folder
-        typer.echo(str(draw_plane(folder, where, plane=read_plane(cut), field=field or "speed", t=t)))
-        return
-    from valvefsi.post.plots.solid import can_render, draw_bodies
-
     if MPI.COMM_WORLD.rank != 0:
         return
-    bodies = draw_bodies(folder, out if out is not None else folder, field=field, t=t)
+    if options.figure is not None:
+        from valvefsi.studies.figures import draw_figure
+
+        paths = [folder, *(options.more or [])]
+        typer.echo(str(draw_figure(options.figure, paths, options.out, trust=options.trust)))
+        return
+    if options.cut is not None or _is_of_fluid(folder, field):
+        from valvefsi.post.movies import draw_plane
+
+        plane = read_plane(options.cut)
+        typer.echo(str(draw_plane(folder, out, plane=plane, field=field or "speed", t=t)))
+        return
+    _draw_solids(options, out)
+
+
+def _draw_solids(options: PlotCommand, out: Path) -> None:
+    """Draw the solids, and the pictures of a valve where nothing else is asked for."""
+    from valvefsi.post.plots.solid import can_render, draw_bodies
+
+    bodies = draw_bodies(options.folder, out, field=options.field, t=options.t)
     made = [path for path, _ in bodies]
-    if field is None and t is None:
-        made = [*made, *_draw_valve(folder, out if out is not None else folder, trust)]
+    if options.field is None and options.t is None:
+        made = [*made, *_draw_valve(options.folder, out, options.trust)]
     if any(body.dim == 3 for _, body in bodies) and not can_render():
         typer.echo("pyvista or EGL is missing: bodies in space are drawn by matplotlib")
     for path in made:

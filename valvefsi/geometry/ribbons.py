@@ -40,6 +40,17 @@ class MiddleLine:
         return np.einsum("kj,kjd->kd", self.weights, points[self.nodes])
 
 
+def middle_of(line: Array) -> tuple[int, Array]:
+    """Return which point of a line has the mean azimuth of all, and the unit vector there from the z axis.
+
+    Args:
+        line: Points of the line, ``(n, 2 or 3)`` [cm].
+    """
+    mean = line[:, :2].mean(axis=0)
+    way = mean / np.linalg.norm(mean)
+    return int(np.abs(line[:, :2] @ np.array([-way[1], way[0]])).argmin()), way
+
+
 def middle_lines(
     surfaces: TaggedSurfaces, ribbon: str, faces: tuple[str, str] = ("inflow", "outflow")
 ) -> list[MiddleLine]:

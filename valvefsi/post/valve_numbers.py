@@ -13,6 +13,7 @@ Terms are those of ISO 5840-1:2021 and ISO 5840-2:2021. Where the standard leave
   the cycle), is back at the leakage but for ``backflow_floor`` of the peak flow. The leakage is the median of
   q outside forward flow, or zero if that is positive.
 - Leakage is what flows back in the rest of the cycle, so forward = net + closing + leakage to round-off.
+- Energy losses are integrals of (p_lv - p_ao) q over the same three parts of the cycle.
 - Opening and closing from the valve's area (PDVA) where it is given: from one level of its rise to another,
   10 % and 90 % unless told, and back over those of its fall, which may end at another area. Without it, the
   flow stands in: start of forward flow, first and last time at the upper level of the peak flow, end of closing.
@@ -20,8 +21,10 @@ Terms are those of ISO 5840-1:2021 and ISO 5840-2:2021. Where the standard leave
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -33,20 +36,24 @@ from valvefsi.post.valve_record import (
     crossing,
     cut,
     fault,
+    first_closed,
     integral,
+    integral_of_product,
     integral_of_square,
     part_of,
 )
+from valvefsi.post.valve_times import add_area, add_times, closed_at
 from valvefsi.types import Array
 from valvefsi.units import LITRE_PER_MINUTE, MMHG
 
-CLOSING_WINDOW = 0.1
-"""Time after forward flow in which the closing backflow has its largest value, as a part of the cycle."""
+MILLIJOULE = 1.0e4
+"""[erg]"""
 
 LONG = 5.0
 """How long before its rise flow may be above zero, by the time that it takes from one floor to two."""
 
 VOLUMES = ("closing_volume", "leakage_volume", "leakage_flow", "regurgitant_volume", "regurgitant_fraction")
+LOSSES = ("forward_energy_loss", "closing_energy_loss", "leakage_energy_loss", "energy_loss")
 PRESSURES = (
     "pressure_start",
     "pressure_end",
@@ -56,8 +63,6 @@ PRESSURES = (
     "effective_orifice_area",
 )
 FORWARD = ("forward_volume", "rms_forward_flow", "forward_start", "forward_end", "forward_duration")
-TIMES = ("opening_start", "opening_end", "closing_start", "closing_end")
-DURATIONS = ("opening_duration", "open_duration", "closing_duration")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,35 +74,45 @@ class CycleNumbers:
     Attributes:
         cycle: Number of the cycle, from 0.
         start: When it starts [s].
+        repeated: Whether it was repeated and cut where the valve is shut, as its edge cuts forward flow.
         forward_volume: Forward stroke volume, integral of q over forward flow [cm^3].
         net_volume: Net stroke volume, integral of q over the cycle [cm^3].
         cardiac_output: Net volume over the cycle's length [cm^3/s].
         peak_flow: Largest flow [cm^3/s].
         rms_forward_flow: Root mean square of q over forward flow [cm^3/s].
-        rms_flow: Root mean square of q over the positive pressure difference, for the orifice area [cm^3/s].
+        rms_flow: Root mean square of q from pressure_start to pressure_end [cm^3/s].
         forward_start: Start of forward flow [s].
         forward_end: End of forward flow [s].
         forward_duration: Length of forward flow [s].
         pressure_start: Start of the positive pressure difference [s].
         pressure_end: End of the positive pressure difference [s].
-        mean_pressure_difference: Mean of p_lv - p_ao over the positive pressure difference [dyn/cm^2].
+        mean_pressure_difference: Mean of p_lv - p_ao from pressure_start to pressure_end [dyn/cm^2].
         peak_pressure_difference: Largest p_lv - p_ao in that time [dyn/cm^2].
         peak_to_peak_difference: Largest p_lv less largest p_ao, at whatever times [dyn/cm^2].
-        effective_orifice_area: EOA from rms_flow and mean_pressure_difference [cm^2].
-        closing_volume: Backward volume while the valve closes [cm^3].
-        leakage_volume: Backward volume in the rest of the cycle [cm^3].
-        leakage_flow: Mean backward flow in that rest, while the valve is shut [cm^3/s].
+        effective_orifice_area: rms_flow/(51.6 sqrt(mean_pressure_difference/density)), both from pressure_start to
+            pressure_end (ISO 5840-1:2021; ml/s, mmHg, g/cm^3) [cm^2].
+        closing_volume: Backward volume from forward_end until the valve is closed by its flow [cm^3].
+        leakage_volume: Backward volume in the rest of the cycle, while it is shut [cm^3].
+        leakage_flow: Mean backward flow while it is shut [cm^3/s].
         regurgitant_volume: Closing and leakage volume [cm^3].
-        regurgitant_fraction: Regurgitant over forward volume.
-        opening_start: When the valve starts to open [s].
-        opening_end: When it is open [s].
-        closing_start: When it starts to close [s].
-        closing_end: When it is closed [s].
+        regurgitant_fraction: Regurgitant volume over forward volume.
+        forward_energy_loss: Integral of (p_lv - p_ao) q over forward flow [erg].
+        closing_energy_loss: Integral of (p_lv - p_ao) q over the time of closing_volume [erg].
+        leakage_energy_loss: Integral of (p_lv - p_ao) q while the valve is shut [erg].
+        energy_loss: Integral of (p_lv - p_ao) q over the cycle, the sum of the three [erg].
+        opening_start: When the valve starts to open, 10 % of the area's rise [s].
+        opening_half: When it is half open, 50 % of the rise [s].
+        opening_end: When it is open, 90 % of the rise [s].
+        closing_start: When it starts to close, 90 % of the fall's height [s].
+        closing_half: When it is half closed, 50 % of the fall's height [s].
+        closing_end: When it is closed, 10 % of the fall's height [s].
         opening_duration: From opening_start to opening_end [s].
         open_duration: From opening_end to closing_start [s].
         closing_duration: From closing_start to closing_end [s].
+        open_time: From opening_start to closing_end [s].
         times_from: What the opening and closing times are read off, ``pdva`` or ``flow``.
         peak_pdva: Largest projected dynamic valve area [cm^2].
+        mean_pdva: Mean projected dynamic valve area over forward flow, systole [cm^2].
         peak_reynolds: Reynolds number of the peak flow, 4 rho q/(pi D mu).
         mean_aortic_pressure: Mean of p_ao over the cycle [dyn/cm^2].
         reasons: Why a number is None, by its name.
@@ -105,6 +120,7 @@ class CycleNumbers:
 
     cycle: int
     start: float
+    repeated: bool = False
     forward_volume: float | None = None
     net_volume: float | None = None
     cardiac_output: float | None = None
@@ -125,15 +141,23 @@ class CycleNumbers:
     leakage_flow: float | None = None
     regurgitant_volume: float | None = None
     regurgitant_fraction: float | None = None
+    forward_energy_loss: float | None = None
+    closing_energy_loss: float | None = None
+    leakage_energy_loss: float | None = None
+    energy_loss: float | None = None
     opening_start: float | None = None
+    opening_half: float | None = None
     opening_end: float | None = None
     closing_start: float | None = None
+    closing_half: float | None = None
     closing_end: float | None = None
     opening_duration: float | None = None
     open_duration: float | None = None
     closing_duration: float | None = None
+    open_time: float | None = None
     times_from: str | None = None
     peak_pdva: float | None = None
+    mean_pdva: float | None = None
     peak_reynolds: float | None = None
     mean_aortic_pressure: float | None = None
     reasons: Mapping[str, str] = field(default_factory=dict)
@@ -144,32 +168,47 @@ class CycleNumbers:
 
     def in_lab_units(self) -> dict[str, object]:
         """All numbers by name and unit: mmHg, ml, ml/s, l/min, cm^2, ms, per cent."""
-        return dict(_in_lab_unit(name, value) for name, value in self.as_dict().items() if name != "reasons")
+        told = (item for item in self.as_dict().items() if item[0] != "reasons")
+        return dict(_in_lab_unit(name, value) for name, value in told)
 
 
-NUMBERS = tuple(f.name for f in fields(CycleNumbers) if f.name not in ("cycle", "start", "reasons"))
+NUMBERS = tuple(
+    f.name for f in fields(CycleNumbers) if f.name not in ("cycle", "start", "repeated", "reasons")
+)
 
 
-def _in_lab_unit(name: str, value: float | str | None) -> tuple[str, float | str | None]:
+def number_meanings() -> dict[str, str]:
+    """Return what each number of a cycle means, by its name, as its documentation says it."""
+    text = (inspect.getdoc(CycleNumbers) or "").partition("Attributes:")[2]
+    entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE)
+    told = {name: re.sub(r" \[[^]]*\]\.?$", "", " ".join(words.split())) for name, words in entries}
+    return {name: words.rstrip(".") for name, words in told.items() if name in (*NUMBERS, "repeated")}
+
+
+def _unit(name: str) -> tuple[str, float]:
+    """Ending of a number's name in a lab's unit, and that unit in CGS."""
+    endings = {
+        ("cardiac_output",): ("_l_per_min", LITRE_PER_MINUTE),
+        ("regurgitant_fraction",): ("_percent", 0.01),
+        ("energy_loss",): ("_mJ", MILLIJOULE),
+        ("_volume",): ("_ml", 1.0),
+        ("_flow",): ("_ml_per_s", 1.0),
+        ("_area", "_pdva"): ("_cm2", 1.0),
+        ("_difference", "_aortic_pressure"): ("_mmHg", MMHG),
+        ("_start", "_half", "_end", "_duration", "_time"): ("_ms", 1.0e-3),
+        ("start",): ("_s", 1.0),
+    }
+    return next((unit for ends, unit in endings.items() if name.endswith(ends)), ("", 1.0))
+
+
+def lab_name(name: str) -> str:
+    """Return the name of a number with its unit in a lab."""
+    return name + _unit(name)[0]
+
+
+def _in_lab_unit(name: str, value: Any) -> tuple[str, Any]:
     """Name with its unit, and the value in it."""
-    unit, scale = "", 1.0
-    if name == "cardiac_output":
-        unit, scale = "_l_per_min", LITRE_PER_MINUTE
-    elif name == "regurgitant_fraction":
-        unit, scale = "_percent", 0.01
-    elif name == "start":
-        unit = "_s"
-    elif name.endswith("_volume"):
-        unit = "_ml"
-    elif "flow" in name:
-        unit = "_ml_per_s"
-    elif name.endswith(("_area", "_pdva")):
-        unit = "_cm2"
-    elif name.endswith(("_difference", "_aortic_pressure")):
-        unit, scale = "_mmHg", MMHG
-    elif name.endswith(("_start", "_end", "_duration")):
-        unit, scale = "_ms", 1.0e-3
-    return name + unit, value / scale if isinstance(value, float) else value
+    return lab_name(name), value / _unit(name)[1] if isinstance(value, float) else value
 
 
 def effective_orifice_area(rms_flow: float, mean_difference: float, rho: float) -> float:
@@ -216,7 +255,7 @@ def cycle_numbers(record: ValveRecord, test: ValveTest, cycle: int = -1) -> Cycl
         return CycleNumbers(cycle=k, start=start, reasons=dict.fromkeys(NUMBERS, reason))
     x = cut(record, k)
     found, reasons = _whole_cycle(x, record.period, test), dict[str, str]()
-    for part in (_forward, _pressure, _backward, _times):
+    for part in (_forward, _pressure, _backward, add_area, add_times):
         part(x, test, found, reasons)
     return CycleNumbers(cycle=k, start=start, reasons=reasons, **found)
 
@@ -242,6 +281,23 @@ def cycle_change(record: ValveRecord) -> tuple[dict[str, float | None], dict[str
         if size == 0:
             reasons[name] = "zero throughout the last cycle"
     return change, reasons
+
+
+def repeated_cycle(record: ValveRecord, test: ValveTest, cycle: int) -> CycleNumbers | None:
+    """Return the numbers of a whole cycle that is repeated and cut where the valve is shut; None where it never is.
+
+    For a cycle whose edge cuts forward flow. Between its end and its start, which differ where a run is not periodic,
+    waveforms are linear.
+    """
+    x = cut(record, cycle)
+    t = np.concatenate([x["t"][:-1], x["t"] + record.period])
+    waves: dict[str, Any] = {name: np.concatenate([x[name][:-1], x[name]]) for name in record.signals}
+    twice = replace(record, t=t, start=None, **waves)
+    start = first_closed(twice)
+    if start is None:
+        return None
+    found = cycle_numbers(replace(twice, start=start), test, 0)
+    return replace(found, cycle=cycle, start=record.first + cycle * record.period + start, repeated=True)
 
 
 def _whole_cycle(x: dict[str, Array], period: float, test: ValveTest) -> dict[str, Any]:
@@ -317,81 +373,30 @@ def _pressure(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reaso
 def _backward(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reasons: dict[str, str]) -> None:
     """Closing, leakage and regurgitant volume."""
     if "forward_start" not in found:
-        reasons |= dict.fromkeys(VOLUMES, reasons["forward_start"])
+        reasons |= dict.fromkeys((*VOLUMES, *LOSSES), reasons["forward_start"])
         return
     forward = found["forward_volume"]
     found["regurgitant_volume"] = forward - found["net_volume"]
     found["regurgitant_fraction"] = found["regurgitant_volume"] / forward
-    end = _closed(x, test, found)
+    end = closed_at(x, test, found)
     if end is None:
         reason = "the valve is not closed when the cycle ends; start the cycle in the closed phase"
-        reasons |= dict.fromkeys(("closing_volume", "leakage_volume", "leakage_flow"), reason)
+        unknown = ("closing_volume", "leakage_volume", "leakage_flow", *LOSSES)
+        reasons |= dict.fromkeys(unknown, reason)
         return
     found["closing_volume"] = -integral(*part_of(x["t"], x["q"], found["forward_end"], end))
     found["leakage_volume"] = found["regurgitant_volume"] - found["closing_volume"]
     found["leakage_flow"] = float(found["leakage_volume"] / (x["t"][-1] - (end - found["forward_start"])))
+    found |= _losses(x, found["forward_start"], found["forward_end"], end)
 
 
-def _closed(x: dict[str, Array], test: ValveTest, found: dict[str, Any]) -> float | None:
-    """When closing backflow is over; the end of forward flow if there is none, None if it does not end."""
-    t, q = part_of(x["t"], x["q"], found["forward_end"], x["t"][-1])
-    outside = (x["t"] < found["forward_start"]) | (x["t"] > found["forward_end"])
-    floor = min(float(np.median(x["q"][outside])), 0.0) - test.backflow_floor * found["peak_flow"]
-    least = int(np.argmin(np.where(t - t[0] <= CLOSING_WINDOW * x["t"][-1], q, np.inf)))
-    if q[least] >= floor:
-        return found["forward_end"]
-    back = np.flatnonzero(q[least:] >= floor)
-    return crossing(t, q, least + back[0] - 1, floor) if len(back) else None
+def _losses(x: dict[str, Array], start: float, forward_end: float, end: float) -> dict[str, float]:
+    """Energy that the flow loses over the valve: in forward flow, while it closes, while it is shut, in all."""
+    dp = x["p_lv"] - x["p_ao"]
 
+    def lost(first: float, last: float) -> float:
+        t, pressure = part_of(x["t"], dp, first, last)
+        return integral_of_product(t, pressure, part_of(x["t"], x["q"], first, last)[1])
 
-def _times(x: dict[str, Array], test: ValveTest, found: dict[str, Any], reasons: dict[str, str]) -> None:
-    """Opening and closing times, from the area where there is one, else from the flow."""
-    if "pdva" in x:
-        found["times_from"], found["peak_pdva"] = "pdva", float(x["pdva"].max())
-        times, reason = _times_from_area(x["t"], x["pdva"], test)
-    else:
-        found["times_from"] = "flow"
-        reasons["peak_pdva"] = "no valve area in the record"
-        times, reason = _times_from_flow(x, test, found), reasons.get("forward_start", "")
-    known: dict[str, float | None] = dict(zip(TIMES, times, strict=True))
-    if known["closing_end"] is None and not reason:
-        reason = reasons["closing_volume"]
-    a, b, c, d = times
-    pairs = zip(DURATIONS, ((a, b), (b, c), (c, d)), strict=True)
-    for name, (first, last) in pairs:
-        known[name] = None if first is None or last is None else last - first
-    reasons |= {name: reason for name, value in known.items() if value is None}
-    found |= known
-
-
-def _times_from_area(t: Array, area: Array, test: ValveTest) -> tuple[tuple[float | None, ...], str]:
-    """Where the area passes the two levels of its rise, and those of its fall, which may end at another area."""
-    nothing = (None,) * len(TIMES)
-    span = np.ptp(area)
-    if not span > 0:
-        return nothing, "the valve area does not change"
-    top = int(np.argmax(area))
-    least = area[: top + 1].min(), area[top:].min()
-    if area[top] - max(least) < 0.5 * span:
-        return nothing, "the valve is open at the cycle's edge; start the cycle in the closed phase"
-    (low, high), (end_low, end_high) = (
-        [float(x + part * (area[top] - x)) for part in test.levels] for x in least
-    )
-    first, last = np.flatnonzero(area >= high)[0], np.flatnonzero(area >= end_high)[-1]
-    before, after = np.flatnonzero(area[:first] <= low)[-1], np.flatnonzero(area[last:] <= end_low)[0]
-    return (
-        crossing(t, area, before, low),
-        crossing(t, area, first - 1, high),
-        crossing(t, area, last, end_high),
-        crossing(t, area, last + after - 1, end_low),
-    ), ""
-
-
-def _times_from_flow(x: dict[str, Array], test: ValveTest, found: dict[str, Any]) -> tuple[float | None, ...]:
-    """Start of forward flow, first and last time at the upper level of the peak, end of closing."""
-    if "forward_start" not in found:
-        return (None,) * len(TIMES)
-    t, q, high = x["t"], x["q"], test.levels[1] * found["peak_flow"]
-    at = np.flatnonzero((q >= high) & (t >= found["forward_start"]) & (t <= found["forward_end"]))
-    opened, closing = crossing(t, q, at[0] - 1, high), crossing(t, q, at[-1], high)
-    return found["forward_start"], opened, closing, _closed(x, test, found)
+    forward, closing, whole = lost(start, forward_end), lost(forward_end, end), lost(0.0, float(x["t"][-1]))
+    return dict(zip(LOSSES, (forward, closing, whole - forward - closing, whole), strict=True))

@@ -161,7 +161,13 @@ def integral(t: Array, x: Array) -> float:
 
 def integral_of_square(t: Array, x: Array) -> float:
     """Integral of the square of a piecewise linear waveform, exact."""
-    return float(np.sum((x[1:] ** 2 + x[1:] * x[:-1] + x[:-1] ** 2) * np.diff(t)) / 3)
+    return integral_of_product(t, x, x)
+
+
+def integral_of_product(t: Array, x: Array, y: Array) -> float:
+    """Integral of the product of two piecewise linear waveforms, exact."""
+    ends, middle = x[1:] * y[1:] + x[:-1] * y[:-1], (x[1:] + x[:-1]) * (y[1:] + y[:-1])
+    return float(np.sum((ends + middle) * np.diff(t)) / 6)
 
 
 def crossing(t: Array, x: Array, i: int, level: float) -> float:

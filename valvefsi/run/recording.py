@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -22,6 +22,12 @@ from valvefsi.run.forces import ForceMeter, ForceOutput
 from valvefsi.run.recorded_stress import StressRecorder
 from valvefsi.run.statistics import Line, Statistics
 from valvefsi.units import MMHG
+
+if TYPE_CHECKING:
+    from valvefsi.solid.structure import Structure
+
+FREE_EDGES = "free_edges.csv"
+"""Where the middles of a valve's free edges are over time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,10 +52,53 @@ class Orifice:
     Attributes:
         body: Index of the leaflets.
         radius: Of the orifice about the z axis [cm].
+        middles: Reference positions of the middles of the free edges, which ``free_edges.csv`` follows, ``(3,)`` each
+            [cm].
     """
 
     body: int
     radius: float
+    middles: tuple[tuple[float, ...], ...] = ()
+
+
+class FreeEdges:
+    """How far the middles of a valve's free edges are from the axis, in ``free_edges.csv``, as often as the history.
+
+    Each is the node of the free edge next to its middle, along its own direction from the axis in the reference
+    configuration; negative beyond the axis.
+
+    Args:
+        model: The model.
+        orifice: The valve.
+        folder: Folder of the run.
+        resume: State that the run goes on from, None for a new run.
+
+    Note:
+        Collective.
+    """
+
+    def __init__(self, model: Model, orifice: Orifice, folder: Path, resume: State | None) -> None:
+        leaflets = model.bodies[orifice.body].solid
+        self.body, self.table = orifice.body, None
+        if leaflets is None or not orifice.middles:
+            return
+        self.leaflets: Structure = leaflets
+        self.nodes = [leaflets.node_at(middle) for middle in orifice.middles]
+        self.ways = [np.array([x, y, 0.0]) / np.hypot(x, y) for x, y, _ in orifice.middles]
+        self.columns = [f"leaflet_{k + 1}_middle_cm" for k in range(len(self.nodes))]
+        columns = ["step", "t_s", *self.columns]
+        self.table = History(folder / FREE_EDGES, columns, model.grid.comm, resume.step if resume else None)
+
+    def append(self, state: State) -> None:
+        """Append a row. Collective."""
+        if self.table is None:
+            return
+        chi = state.bodies[self.body]["chi"]
+        at = [
+            float(self.leaflets.position_of(node, chi) @ way)
+            for node, way in zip(self.nodes, self.ways, strict=True)
+        ]
+        self.table.append({"step": state.step, "t_s": state.t} | dict(zip(self.columns, at, strict=True)))
 
 
 class Observer(Protocol):
@@ -225,6 +274,7 @@ class Recorder:
         self.history = History(
             output.directory / "history.csv", columns, comm, resume.step if resume else None
         )
+        self.edges = FreeEdges(model, output.orifice, output.directory, resume) if output.orifice else None
         time = resume.t if resume else None
         self.fluid_series = None
         if output.frames:
@@ -246,6 +296,8 @@ class Recorder:
     def append(self, row: dict[str, float], state: State) -> None:
         """Append a row to the history, and take averages, forces and energies on from it. Collective."""
         self.history.append(row)
+        if self.edges is not None:
+            self.edges.append(state)
         self.statistics.add(state)
         for meter in self.meters:
             meter.keep()

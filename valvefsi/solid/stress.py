@@ -37,26 +37,39 @@ if TYPE_CHECKING:
     from valvefsi.solid.statics import StaticSolution
     from valvefsi.types import Array
 
-QUANTITIES = ("pk1", "pk2", "cauchy", "von_mises", "principal_stretches", "fibre_stretch", "J")
+QUANTITIES = (
+    "pk1",
+    "pk2",
+    "cauchy",
+    "principal_stresses",
+    "von_mises",
+    "principal_stretches",
+    "fibre_stretch",
+    "J",
+)
 """What can be asked for."""
 
 LABELS = {
     "pk1": "first Piola-Kirchhoff stress [dyn/cm^2]",
     "pk2": "second Piola-Kirchhoff stress [dyn/cm^2]",
     "cauchy": "Cauchy stress [dyn/cm^2]",
+    "principal_stresses": "principal stresses [dyn/cm^2]",
     "von_mises": "von Mises stress [dyn/cm^2]",
     "principal_stretches": "principal stretches [-]",
     "fibre_stretch": "fibre stretch [-]",
     "J": "J [-]",
 }
 """Names in files and pictures."""
+OF_CAUCHY = ("principal_stresses", "von_mises")
+"""What follows from the Cauchy stress."""
 
 
 class Stress:
     """Stress and strain of a body, evaluated at its present deformation at every call.
 
         P = dW/dF + dU/dF - p J F^-T,  S = F^-1 P,  sigma = P F^T / J,
-        von Mises sqrt(3/2 dev sigma : dev sigma),  stretches: roots of the eigenvalues of F^T F, |F f|
+        von Mises sqrt(3/2 dev sigma : dev sigma), principal values of sigma,
+        stretches: roots of the eigenvalues of F^T F, |F f|
 
     Args:
         motion: The displacement, or the position if ``of_position``.
@@ -127,8 +140,8 @@ class Stress:
             names: Names of `QUANTITIES`.
 
         Returns:
-            By name ``(num_cells, num_points)`` scalars, ``(..., 3)`` stretches from the largest to the smallest,
-            or ``(..., 3, 3)`` tensors.
+            By name ``(num_cells, num_points)`` scalars, ``(..., 3)`` principal values from the largest to the
+            smallest, or ``(..., 3, 3)`` tensors.
 
         Raises:
             CaseError: A name is unknown, or there is no fibre for "fibre_stretch".
@@ -148,19 +161,23 @@ class Stress:
     def at_nodes(self, *names: str) -> dict[str, fem.Function]:
         """Return quantities as functions of first degree, by L2 projection.
 
-        Von Mises' stress is that of the projected Cauchy stress, and so never negative.
+        Von Mises' stress is that of the projected Cauchy stress, and so never negative; principal stresses are, too.
 
         Note:
             Collective.
         """
         measure = self._evaluate()[2]
-        asked = {"cauchy" if name == "von_mises" else name for name in names}
+        asked = {"cauchy" if name in OF_CAUCHY else name for name in names}
         values = self.at_points(*sorted(asked))
         with _Projection(self.mesh, self.points, self.weights, self.degree) as projection:
             nodes = {name: projection.project(values[name], measure, name) for name in values}
         if "von_mises" in names:
             nodes["von_mises"] = equivalent = fem.Function(projection.space, name="von_mises")
             equivalent.x.array[:] = _von_mises(nodes["cauchy"].x.array.reshape(-1, 3, 3))
+        if "principal_stresses" in names:
+            space = fem.functionspace(self.mesh, ("Lagrange", 1, (3,)))
+            nodes["principal_stresses"] = principal = fem.Function(space, name="principal_stresses")
+            principal.x.array[:] = _principal(nodes["cauchy"].x.array.reshape(-1, 3, 3)).ravel()
         return {name: nodes[name] for name in names}
 
     def gather(
@@ -231,7 +248,12 @@ def _quantity(name: str, F: Array, P: Array, fibre: Array | None) -> Array:
     sigma = P @ np.swapaxes(F, -1, -2) / J[..., None, None]
     if name == "cauchy":
         return sigma
-    return _von_mises(sigma)
+    return _von_mises(sigma) if name == "von_mises" else _principal(sigma)
+
+
+def _principal(sigma: Array) -> Array:
+    """Return the principal values of stresses ``(..., 3, 3)``, the largest first, ``(..., 3)``."""
+    return np.linalg.eigvalsh(0.5 * (sigma + np.swapaxes(sigma, -1, -2)))[..., ::-1]
 
 
 def _von_mises(sigma: Array) -> Array:

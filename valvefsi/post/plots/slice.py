@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from valvefsi.errors import CaseError
 from valvefsi.io.grid_files import GridFields
 from valvefsi.io.solid_body import CORNERS, Body, outer_faces
+from valvefsi.post.diagnostics.shear import cell_gradient
 from valvefsi.post.plots.base import INK, MUTED, STYLE, saved
 from valvefsi.types import Array
 
@@ -121,7 +122,7 @@ def field_of(grid: GridFields, name: str, axis: int = 2) -> tuple[Array, str]:
         if source in fields:
             return np.linalg.norm(fields[source].astype(float), axis=-1), "cm/s"
     if name in DERIVED and "velocity" in fields:
-        G = _gradient(grid)
+        G = cell_gradient(fields["velocity"].astype(float), grid.centres)
         if name == "q":
             return -0.5 * np.einsum("...ij,...ji->...", G, G), DERIVED[name]
         curl = np.stack(
@@ -133,16 +134,6 @@ def field_of(grid: GridFields, name: str, axis: int = 2) -> tuple[Array, str]:
     vectors = [f"{key}_{c}" for key, value in fields.items() if value.ndim == 4 for c in "xyz"]
     derived = [key for key in DERIVED if "velocity" in fields and key not in vectors]
     raise CaseError(f"expected one of {', '.join(scalars + vectors + derived)}", key="--field", value=name)
-
-
-def _gradient(grid: GridFields) -> Array:
-    """du_i/dx_j in the cells, ``(nx, ny, nz, 3, 3)`` [1/s]."""
-    u = grid.fields["velocity"].astype(float)
-    G = np.zeros((*u.shape, 3))
-    for j, x in enumerate(grid.centres):
-        if len(x) > 1:
-            G[..., j] = np.gradient(u, x, axis=j, edge_order=2 if len(x) > 2 else 1)
-    return G
 
 
 def outline(body: Body, plane: Plane, dim: int) -> list[Array]:

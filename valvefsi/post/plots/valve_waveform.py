@@ -148,19 +148,30 @@ def valve_end_views(
             axes.set_axis_off()
         reach = 1.02 * max(float(np.abs(np.asarray(view["xyz"])[:, :2]).max(initial=0.0)) for view in views)
         for axes, view in zip(grid, views, strict=False):
-            _end_view(axes, view, radius, max(reach, 1.1 * radius))
+            draw_end_view(axes, view, radius, max(reach, 1.1 * radius))
         headings_at(figure, 0.03, title, caption)
         return saved(figure, path)
 
 
-def _end_view(axes: Axes, view: Mapping[str, Array], radius: float, reach: float) -> None:
-    """Draw one moment: orifice, leaflets from the farthest triangle to the nearest, free edges, ring."""
+def draw_end_view(
+    axes: Axes, view: Mapping[str, Array], radius: float, reach: float, *, small: bool = False
+) -> None:
+    """Draw one moment: orifice, leaflets from the farthest triangle to the nearest, free edges, ring.
+
+    Args:
+        axes: Where.
+        view: The moment, see `valve_end_views`; ``colours`` of the triangles, if given, ``(m, 3)``.
+        radius: Radius of the orifice [cm].
+        reach: How far the picture goes [cm].
+        small: Draw thinner lines and say the time alone, in ms.
+    """
     xyz, triangles = np.asarray(view["xyz"]), np.asarray(view["triangles"], dtype=int).reshape(-1, 3)
     axes.add_patch(Circle((0, 0), radius, facecolor=LUMEN, edgecolor="none", zorder=1))
     if len(triangles):
         corners = xyz[triangles]
         order = np.argsort(corners[..., 2].mean(axis=1))
-        colours = _lit(corners, np.asarray(view.get("owner", np.zeros(len(triangles))), dtype=int))[order]
+        owner = np.asarray(view.get("owner", np.zeros(len(triangles))), dtype=int)
+        colours = (np.asarray(view["colours"]) if "colours" in view else _lit(corners, owner))[order]
         axes.add_collection(
             # Edges in the faces' own colours close the hairlines between neighbours.
             PolyCollection(
@@ -169,13 +180,18 @@ def _end_view(axes: Axes, view: Mapping[str, Array], radius: float, reach: float
         )
     if "free_edges" in view:
         pieces = xyz[np.asarray(view["free_edges"], dtype=int)][..., :2]
-        for colour, width in ((INK, 2.8), (EDGE, 1.3)):
+        for colour, width in ((INK, 1.6), (EDGE, 0.7)) if small else ((INK, 2.8), (EDGE, 1.3)):
             axes.add_collection(
                 LineCollection(pieces, colors=colour, linewidths=width, capstyle="round", zorder=3)
             )
-    axes.add_patch(Circle((0, 0), 1.035 * radius, fill=False, edgecolor=RING, linewidth=5, zorder=4))
+    axes.add_patch(
+        Circle((0, 0), 1.035 * radius, fill=False, edgecolor=RING, linewidth=2.5 if small else 5, zorder=4)
+    )
     axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=MUTED, linewidth=0.8, zorder=5))
     axes.set(xlim=(-reach, reach), ylim=(-1.22 * reach, reach), aspect="equal")
+    if small:
+        axes.text(0, -1.08 * reach, f"{1e3 * float(view['t']):.1f} ms", ha="center", va="top", fontsize=8)
+        return
     text = [f"t = {float(view['t']):.3f} s"] if "t" in view else []
     if "open_area" in view:
         text.append(f"{float(view['open_area']):.2f} cm$^2$")
