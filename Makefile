@@ -14,7 +14,7 @@ LOGS := build/ranks
 # Processes of test, one for each core; parts of test-parallel, each in processes of its own.
 CORES ?= $(shell env -u OMP_NUM_THREADS nproc 2>/dev/null || echo 1)
 PARTS := "tests/solid tests/geometry tests/io tests/runtime tests/post tests/circulation tests/verification" \
-	"tests/test_fsi.py tests/coupling tests/fluid tests/bodies tests/run tests/case tests/cli tests/studies tests/benchmarks"
+	"tests/test_fsi.py tests/coupling tests/fluid tests/bodies tests/run tests/case tests/cli tests/studies tests/benchmarks tests/scripting"
 
 # One thread a rank; the ranks use the cores. A test that hangs (ranks out of step) is ended and shows where.
 # PATH in test and test-slow: tests that start mpirun or valvefsi must get those of .venv.

@@ -35,6 +35,7 @@ TUTORIALS = {
     "07_many_ranks": "MPIRUN",
     "08_own_valve": "solid.mesh.leaflets",
     "09_how_sure": '"sample"',
+    "09_from_python": "valvefsi.simulate",
 }
 """The tutorial of each kind of user, and what it cannot do without."""
 
@@ -51,6 +52,18 @@ def test_demo_runs_and_its_claims_hold(demo, tmp_path):
     done = call([sys.executable, str(demo)], tmp_path)
     assert done.returncode == 0, done.stderr[-2000:]
     assert list((tmp_path / "out").glob("*.png")), "a demo makes a picture"
+
+
+def test_a_notebook_runs_in_its_kernel_and_shows_progress_and_figure(tmp_path, monkeypatch):
+    jupytext = pytest.importorskip("jupytext", reason="the notebook extra brings it")
+    nbclient = pytest.importorskip("nbclient", reason="the notebook extra brings it")
+    pytest.importorskip("ipykernel", reason="the notebook extra brings it")
+    monkeypatch.setenv("VALVEFSI_DEMO_OUT", str(tmp_path))
+    notebook = jupytext.read(ROOT / "demos" / "09_from_python.py")
+    nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3").execute(cwd=str(ROOT))
+    shown = [out.data for cell in notebook.cells for out in cell.get("outputs", []) if "data" in out]
+    assert sum("100.0 %" in data.get("text/plain", "") for data in shown) == 2, "one line for each run"
+    assert any("image/png" in data for data in shown)
 
 
 @pytest.mark.parametrize("demo", DEMOS, ids=lambda path: path.stem)

@@ -29,6 +29,7 @@ LAYERS = [
     {"benchmarks", "fitting"},
     {"studies", "report"},
     {"cli"},
+    {"scripting"},
     {"__main__"},
 ]
 LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}

@@ -7,6 +7,7 @@ together, see `raise_together`.
 from __future__ import annotations
 
 import re
+import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
+PATIENCE = 5.0
+"""Longest time that a rank with an error waits for the others to come with theirs [s]."""
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
 LONGEST = 200
 
@@ -85,6 +88,20 @@ def reason_of(error: OSError | MemoryError) -> str:
         return f"out of memory{f' ({error})' if str(error) else ''}"
     place = f"{error.filename}: " if error.filename else ""
     return f"{place}{error.strerror or ' '.join(str(error).split()) or type(error).__name__}"
+
+
+def alone_with_error(comm: MPI.Comm) -> bool:
+    """Return whether the other ranks have not come here within `PATIENCE`: they wait elsewhere and must be ended.
+
+    Note:
+        Collective with itself, and with ``comm.Ibarrier``.
+    """
+    if comm.size == 1:
+        return False
+    request, end = comm.Ibarrier(), time.monotonic() + PATIENCE
+    while not (done := request.Test()) and time.monotonic() < end:
+        time.sleep(0.01)
+    return not done
 
 
 def raise_together(comm: MPI.Comm, error: Exception | None) -> None:

@@ -159,7 +159,8 @@ def test_each_way_to_end_has_its_code_and_is_said_once(file, body, code, text, r
 def test_a_rank_that_fails_alone_does_not_leave_the_others_waiting(file, error):
     body = f"comm.rank == 1 and (_ for _ in ()).throw({error}('alone')); comm.barrier()"
     script = FAKE.format(body=body).replace(
-        "from valvefsi.cli import", "from valvefsi import cli; cli.PATIENCE = 0.3\nfrom valvefsi.cli import"
+        "from valvefsi.cli import",
+        "from valvefsi import errors; errors.PATIENCE = 0.3\nfrom valvefsi.cli import",
     )
     answer = python(script, "run", file, ranks=2)
     assert answer.returncode != 0

@@ -10,6 +10,8 @@ from typing import Any
 from valvefsi.errors import CaseError
 from valvefsi.types import Unchecked
 
+Override = str | tuple[str, object]
+"""Text ``a.b=value`` as on the command line, or a path of keys and its value."""
 ALTERNATIVES = {"time.dt": "dt_per_h", "time.dt_per_h": "dt", "grid.h": "cells", "grid.cells": "h"}
 """Setting the one takes the other away."""
 
@@ -40,13 +42,13 @@ def split_override(text: str) -> tuple[str, object]:
 
 
 def apply_overrides(
-    raw: dict[str, object], overrides: Sequence[str], aliases: Mapping[str, str] | None = None
+    raw: dict[str, object], overrides: Sequence[Override], aliases: Mapping[str, str] | None = None
 ) -> list[str]:
     """Put values into a raw case, in place.
 
     Args:
         raw: The case as TOML gives it.
-        overrides: Texts ``a.b=value``.
+        overrides: Texts ``a.b=value``, or pairs of a path and a value.
         aliases: Short names of keys, such as ``{"c1": "solid.block.material.c1"}``.
 
     Returns:
@@ -56,8 +58,8 @@ def apply_overrides(
         CaseError: A path leads nowhere.
     """
     done = []
-    for text in overrides:
-        key, value = split_override(text)
+    for override in overrides:
+        key, value = split_override(override) if isinstance(override, str) else override
         path = (aliases or {}).get(key, key)
         if aliases and path == key and "." not in key and key not in raw:
             raise CaseError(

@@ -16,7 +16,7 @@ from valvefsi.case.circuit_tables import circuit_schemas
 from valvefsi.case.includes import read_toml, resolve_includes
 from valvefsi.case.materials import material_schemas
 from valvefsi.case.models import Case
-from valvefsi.case.overrides import apply_overrides, nearest
+from valvefsi.case.overrides import Override, apply_overrides, nearest
 from valvefsi.case.trust import load_own_materials
 from valvefsi.errors import CaseError
 from valvefsi.types import Unchecked
@@ -41,12 +41,12 @@ MESSAGES = {
 }
 
 
-def load_case(path: str | Path, overrides: Sequence[str] = (), *, trust: bool = False) -> Case:
+def load_case(path: str | Path, overrides: Sequence[Override] = (), *, trust: bool = False) -> Case:
     """Read a case file.
 
     Args:
         path: The TOML file.
-        overrides: Texts ``a.b=value`` that replace or add values.
+        overrides: Texts ``a.b=value``, or pairs of a path and a value, that replace or add values.
         trust: Whether Python files of materials may be run.
 
     Returns:
@@ -63,7 +63,7 @@ def load_case(path: str | Path, overrides: Sequence[str] = (), *, trust: bool = 
 
 def parse_case(
     raw: Mapping[str, object],
-    overrides: Sequence[str] = (),
+    overrides: Sequence[Override] = (),
     *,
     aliases: Mapping[str, str] | None = None,
     file: Path | None = None,

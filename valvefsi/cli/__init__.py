@@ -36,9 +36,16 @@ from valvefsi.cli.sample import sample
 from valvefsi.cli.sweep import sweep
 from valvefsi.cli.validate import validate
 from valvefsi.cli.verify import verify
-from valvefsi.errors import CaseError, Stopped, SurroundingsError, ValvefsiError, reason_of
+from valvefsi.errors import (
+    CaseError,
+    Stopped,
+    SurroundingsError,
+    ValvefsiError,
+    alone_with_error,
+    reason_of,
+)
 
-PATIENCE, GRACE = 5.0, 0.5
+GRACE = 0.5
 INTERRUPTED = 130
 RANK_VARIABLES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK", "MPI_RANKID")
 
@@ -131,12 +138,7 @@ def _leave_together(message: str, code: int) -> None:
     """Say why on rank 0 when all ranks leave for the same reason; when one leaves alone, end the others."""
     mpi = sys.modules.get("mpi4py.MPI")
     comm: Any = mpi.COMM_WORLD if mpi is not None else None
-    alone = False
-    if comm is not None and comm.size > 1:
-        request, end = comm.Ibarrier(), time.monotonic() + PATIENCE
-        while not (done := request.Test()) and time.monotonic() < end:
-            time.sleep(0.01)
-        alone = not done
+    alone = comm is not None and alone_with_error(comm)
     if alone or _launched_rank() == 0:
         print(f"rank {comm.rank}: {message}" if alone else message, file=sys.stderr, flush=True)
     if alone:

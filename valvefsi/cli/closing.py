@@ -62,7 +62,7 @@ def in_units(row: Mapping[str, float], units: str) -> list[tuple[str, str, str]]
     """Return quantity, value and unit of each column of a history, in the units of a lab or in CGS."""
     found = []
     for name, value in row.items():
-        end = next((e for e in COLUMNS if name.endswith(f"_{e}")), None)
+        end = ending(name)
         unit, factor, lab = COLUMNS[end] if end else ("", 1.0, "")
         words = (name.removesuffix(f"_{end}") if end else name).replace("_", " ")
         found.append((words, factor * value if units == "lab" else value, lab if units == "lab" else unit))
@@ -70,6 +70,11 @@ def in_units(row: Mapping[str, float], units: str) -> list[tuple[str, str, str]]
     for _, value, unit in found:
         largest[unit] = max(largest.get(unit, 0.0), abs(value))
     return [(n, number(0.0 if abs(v) < NOTHING * largest[unit] else v), unit) for n, v, unit in found]
+
+
+def ending(name: str) -> str | None:
+    """Return the end of a column's name that says its unit, a key of `COLUMNS`; None of a pure number."""
+    return next((end for end in COLUMNS if name.endswith(f"_{end}")), None)
 
 
 def _judged(name: str, found: Mapping[str, Any]) -> tuple[str, str, str, str]:

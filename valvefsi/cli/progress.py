@@ -1,10 +1,10 @@
-"""Progress of a run: a bar on a terminal, plain lines elsewhere."""
+"""Progress of a run: a bar on a terminal, one line that changes in a notebook, plain lines elsewhere."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from valvefsi.cli.tables import format_time, number
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from valvefsi.types import Scalar
 
-PLAIN_INTERVAL, LIVE_INTERVAL = 5.0, 0.1
+PLAIN_INTERVAL, NOTEBOOK_INTERVAL, LIVE_INTERVAL = 5.0, 0.5, 0.1
 SHOWN = 3
 BAR, PERCENT, LEFT = 12, 4, 16
 """Columns of the bar, of "100%" and of "12 h 02 min left", each with a space after it: these always stay."""
@@ -31,7 +31,8 @@ ROUND_OFF = 1e-9
 class Progress:
     """Shows steps, simulated time and time left; a simulation calls it after every step.
 
-    On a terminal a bar, elsewhere (a file, mpirun) a plain line every few seconds, on rank 0.
+    On a terminal a bar, in a notebook one line that changes, elsewhere (a file, mpirun) a plain line every few seconds,
+    on rank 0.
 
     Args:
         comm: Communicator of the run.
@@ -46,6 +47,7 @@ class Progress:
         self.comm, self.title, self.console, self.period = comm, title, console, period
         self.live: Bars | None = None
         self.task: TaskID | None = None
+        self.cell: Cell | None = None
         self.first: tuple[float, float] | None = None
         self.last: tuple[float, int] | None = None
         self.due = self.dt = 0.0
@@ -79,7 +81,7 @@ class Progress:
             self._open()
         elif now < self.due and t < t_end * (1.0 - ROUND_OFF):
             return
-        self.due = now + (PLAIN_INTERVAL if self.live is None else LIVE_INTERVAL)
+        self.due = now + self._interval()
         wall, simulated = now - self.first[0], t - self.first[1]
         left = wall * (t_end - t) / simulated if simulated > 0 else None
         share = t / t_end if t < t_end * (1.0 - ROUND_OFF) else 1.0
@@ -95,6 +97,9 @@ class Progress:
         elif self.console is not None and (left is not None or share >= 1):
             end = end if share < 1 else f"done {end}"
             line = f"{100 * share:5.1f} %  {', '.join(numbers)}, {end}"
+            if self.cell is not None:
+                self.cell.show(f"{self.title}: {line.strip()}")
+                return
             self.console.print(line, highlight=False, soft_wrap=True, markup=False)
             self.console.file.flush()
 
@@ -102,8 +107,33 @@ class Progress:
         from rich.console import Console
 
         self.console = self.console or Console()
-        if self.console.is_terminal and not self.console.is_dumb_terminal:
+        if self.console.is_jupyter:
+            self.cell = Cell()
+        elif self.console.is_terminal and not self.console.is_dumb_terminal:
             self.live, self.task = open_bar(self.console)
+
+    def _interval(self) -> float:
+        """Return the time between two looks at it [s]."""
+        if self.cell is not None:
+            return NOTEBOOK_INTERVAL
+        return PLAIN_INTERVAL if self.live is None else LIVE_INTERVAL
+
+
+class Cell:
+    """A line in the output of a notebook's cell that is written over."""
+
+    def __init__(self) -> None:
+        self.handle: Any = None
+
+    def show(self, line: str) -> None:
+        """Show a line in place of the last one."""
+        from IPython.display import display
+
+        text = {"text/plain": line}
+        if self.handle is None:
+            self.handle = display(text, raw=True, display_id=True)
+        else:
+            self.handle.update(text, raw=True)
 
 
 def open_bar(console: Console, title: str = "") -> tuple[Bars, TaskID]:

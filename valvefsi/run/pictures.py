@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from valvefsi.post import diagnostics
 from valvefsi.run.recording import Output, grid_part
 
 if TYPE_CHECKING:
+    from valvefsi.post.plots.base import Series
     from valvefsi.solid.structure import Structure
 
 ALWAYS = {"kinetic_energy_erg": "kinetic energy [erg]", "courant": "Courant number [-]"}
@@ -90,7 +91,21 @@ def _draw_histories(
 ) -> None:
     from valvefsi.post.plots import base as plots
 
-    series = []
+    plots.histories(path, history["t_s"], usual_panels(history, references), title=title)
+
+
+def usual_panels(
+    history: Mapping[str, Sequence[float] | Array], references: Mapping[str, tuple[str, float]] | None = None
+) -> list[Series]:
+    """Return the panels of ``histories.png``: what moves or changes its volume, else energy and Courant number.
+
+    Args:
+        history: The columns of the history.
+        references: Line and its value by column.
+    """
+    from valvefsi.post.plots import base as plots
+
+    series, references = [], references or {}
     moved = [n for n in history if n.startswith("u_")]
     chosen = moved + [n for n in history if n.endswith("_change_percent")] or list(ALWAYS)
     for name in chosen:
@@ -101,7 +116,7 @@ def _draw_histories(
             label=_label(name), lines={name: history[name]}, reference=value, reference_label=line
         )
         series.append(panel)
-    plots.histories(path, history["t_s"], series, title=title)
+    return series
 
 
 def _draw_energy(path: Path, history: Mapping[str, list[float]], title: str) -> None:

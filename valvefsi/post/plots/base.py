@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,7 +105,7 @@ class Series:
     """
 
     label: str
-    lines: Mapping[str, Sequence[float]]
+    lines: Mapping[str, Sequence[float] | Array]
     reference: float | None = None
     reference_label: str = "reference"
 
@@ -144,10 +145,19 @@ def flow_and_solid(
         return saved(figure, path)
 
 
+class ShownFigure(Figure):  # type: ignore[misc]  # matplotlib has no annotations here
+    """A figure that a notebook shows by itself, whether pyplot was imported or not."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png")
+        return buffer.getvalue()
+
+
 def histories(
     path: Path, t: Sequence[float], series: Sequence[Series], *, title: str = "", caption: str = ""
 ) -> Path:
-    """Draw histories one under the other, each with the reference it is compared with.
+    """Draw histories into a file, see `history_figure`.
 
     Args:
         path: The picture, PNG or PDF.
@@ -159,9 +169,23 @@ def histories(
     Returns:
         The path.
     """
+    return saved(history_figure(t, series, title=title, caption=caption), path)
+
+
+def history_figure(
+    t: Sequence[float] | Array, series: Sequence[Series], *, title: str = "", caption: str = ""
+) -> ShownFigure:
+    """Draw histories one under the other, each with the reference it is compared with.
+
+    Args:
+        t: Times [s].
+        series: The panels.
+        title: Heading.
+        caption: Second line under it.
+    """
     with mpl.rc_context(STYLE):
         height = 2.35 * len(series) + 1.15
-        figure = Figure(figsize=(7.6, height), dpi=160, facecolor="white")
+        figure = ShownFigure(figsize=(7.6, height), dpi=160, facecolor="white")
         top = 1 - 0.78 / height
         panels = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]
         figure.subplots_adjust(left=0.13, right=0.84, top=top, bottom=0.5 / height, hspace=0.16)
@@ -170,7 +194,7 @@ def histories(
         panels[-1].set_xlabel("t [s]")
         figure.align_ylabels(panels)
         _headings(figure, 0.13, top, title, caption, height)
-        return saved(figure, path)
+    return figure
 
 
 def phase_bars(

@@ -1,0 +1,1 @@
+"""valvefsi from Python and from notebooks: run a case, open what a run left."""
