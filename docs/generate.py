@@ -32,9 +32,12 @@ HIDDEN = ("__init__", "__main__", "cli")
 
 def everything(folder: Path) -> None:
     """Write all generated pages, after removing the old ones."""
+    from credibility import credibility  # beside this file, which conf.py puts on the path
+
     shutil.rmtree(folder, ignore_errors=True)
     pages = {"case_keys.md": case_keys(), "study_keys.md": study_keys(), "commands.md": commands()}
     pages |= {"valve_numbers.md": valve_numbers()}
+    pages["credibility.md"] = credibility()
     pages |= {f"tutorials/{path.stem}.md": tutorial(path) for path in sorted((ROOT / "demos").glob("*.py"))}
     pages |= {f"api/{name}.rst": modules(name) for name in parts_of_the_package()}
     for name, text in pages.items():

@@ -16,6 +16,7 @@ from valvefsi.studies import runner
 
 ROOT = Path(__file__).parents[2]
 RUNNER = typer.testing.CliRunner()
+pytestmark = pytest.mark.serial
 
 
 @pytest.fixture
@@ -49,7 +50,6 @@ def test_the_study_of_the_calibration_runs_by_the_circuit_alone(tmp_path):
     assert isinstance(refused.exception, CaseError)
 
 
-@pytest.mark.serial
 def test_an_array_is_written_its_tasks_run_and_its_results_collected(sample):
     said = sample("--array", "--jobs", "2").stdout
     assert said.splitlines()[0] == f"sbatch {sample.folder / 'members.sh'}"
@@ -74,7 +74,6 @@ def test_an_array_is_written_its_tasks_run_and_its_results_collected(sample):
     assert (sample.folder / "events").read_text().split().count("s0002") == 1
 
 
-@pytest.mark.serial
 def test_all_that_is_left_is_run_at_once(sample):
     sample("--member", "1")
     assert isinstance(sample().exception, CaseError), "the folder holds a study"

@@ -69,6 +69,10 @@ def test_what_does_not_converge_has_no_index_and_says_so(values, kind, order, sa
         assert found.uncertainty >= 3 * (max(values) - min(values))
 
 
+def test_what_grows_apart_is_no_surer_than_three_times_its_spread():
+    assert refinement([1.0, 2.0, 3.1], [3.0, 3.0], 1.0).uncertainty == pytest.approx(3 * 2.1)
+
+
 def test_two_grids_have_an_uncertainty_and_one_has_none():
     found = refinement([1.0, 1.1], [1.5], 2.0)
     assert (found.kind, found.order, found.index) == ("two grids", None, None)

@@ -73,12 +73,12 @@ def sample(options: SampleCommand) -> None:
         if chosen or options.member is not None:
             word = chosen[0] if chosen else "member"
             raise CaseError("the circuit alone takes seconds; this is for runs", key=f"--{word}")
-        _finish(sampling, _circuits(sampling), folder)
+        _finish(sampling, _circuits(sampling, trust=options.trust), folder)
         return
     _runs(options, sampling, folder)
 
 
-def _circuits(sampling: Sampling) -> Sampled:
+def _circuits(sampling: Sampling, *, trust: bool) -> Sampled:
     """Run the circuit alone."""
     from valvefsi.case import load_case
     from valvefsi.studies.circuit_samples import run_circuits
@@ -87,7 +87,7 @@ def _circuits(sampling: Sampling) -> Sampled:
     if study.orifice is None:
         raise CaseError("the circuit alone needs an orifice", file=study.file, key="orifice")
     typer.echo(f"{len(sampling.values)} samples of the circuit alone")
-    case = load_case(study.case, study.changes)
+    case = load_case(study.case, study.changes, trust=trust)
     return run_circuits(case, study.orifice, inputs.keys, inputs.units, sampling.values)
 
 

@@ -121,7 +121,7 @@ def _run(options: VerifyCommand, study: GridStudy, folder: Path) -> None:
         outcomes = run_members(
             options.case, study.members, folder, jobs=options.jobs, progress=progress, **how
         )
-    result = assess(study, outcomes)
+    result = assess(study, outcomes, trust=options.trust)
     write_verification(options.case, study, result, folder)
     title = next(iter(study.cases.values())).title
     picture = draw_verification(title, result, outcomes, folder / "verification.png", study)

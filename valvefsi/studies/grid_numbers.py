@@ -44,12 +44,13 @@ def numbers_of(summary: Mapping[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in numbers.items() if not NO_ANSWER.fullmatch(name)}
 
 
-def assess(study: GridStudy, outcomes: Sequence[Outcome]) -> Values:
+def assess(study: GridStudy, outcomes: Sequence[Outcome], *, trust: bool = False) -> Values:
     """Return what ``verification.json`` holds.
 
     Args:
         study: The study.
         outcomes: How its members ended; what failed is left out of the numbers and named.
+        trust: Whether Python files of materials may be run.
     """
     done = {outcome.member.name: outcome for outcome in outcomes if outcome.state != "failed"}
     pairs = [(m, h) for m, h in zip(study.grids, study.spacings, strict=True) if m.name in done]
@@ -75,7 +76,7 @@ def assess(study: GridStudy, outcomes: Sequence[Outcome]) -> Values:
         )
     result["quantities"] = _quantities([numbers[m.name] for m, _ in pairs], ratios, study.expected)
     waves, _ = without_round_off({name: _history(outcome) for name, outcome in done.items()})
-    beats = {name: beat for name, outcome in done.items() if (beat := _beat(outcome)) is not None}
+    beats = {name: beat for name, outcome in done.items() if (beat := _beat(outcome, trust)) is not None}
     result["waveforms"] = waveform_rows([waves[m.name] for m, _ in pairs], ratios, study.expected)
     if all(m.name in beats for m, _ in pairs):
         result["beats"] = beat_rows([beats[m.name] for m, _ in pairs])
@@ -250,9 +251,9 @@ def _history(outcome: Outcome) -> Waves:
     return {name: np.array(column, dtype=float) for name, column in read_history(path).items()}
 
 
-def _beat(outcome: Outcome) -> Beat | None:
+def _beat(outcome: Outcome, trust: bool) -> Beat | None:
     """Return the last whole cycle of a run of a valve, None where there is none."""
     try:
-        return read_run(outcome.folder)[1]
+        return read_run(outcome.folder, trust=trust)[1]
     except CaseError:
         return None
