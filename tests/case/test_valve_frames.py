@@ -226,6 +226,32 @@ def test_backward_flow_has_no_exposure_and_a_run_without_frames_says_so(tmp_path
     }
 
 
+def test_particles_that_begin_backwards_do_not_count(tmp_path):
+    """u = x |x|: half of the disk begins backwards; the stress at x is mu 2 |x|, the flow goes with x^2."""
+    case = coarse(6)
+
+    def halves(x, t):
+        return np.stack([0 * x[..., 0], 0 * x[..., 0], x[..., 0] * np.abs(x[..., 0])], -1)
+
+    write_flow(tmp_path, case, (0.0, 0.1, 0.2), halves)
+    exposure = shear_numbers(case, tmp_path, Window(start=0.0, end=0.2, forward=(0.0, 0.2)))["exposure"]
+    mean = 32 * (0.9 * 1.25) / (15 * np.pi)  # of x by x^2 over half a disk
+    assert exposure["mean_Pa_s"] == pytest.approx(0.1 * case.fluid.viscosity * 2 * mean / 10.0, rel=0.03)
+
+
+def test_a_velocity_beyond_reason_has_no_exposure_and_spoils_nothing_else(tmp_path):
+    case = coarse(6)
+    write_flow(
+        tmp_path,
+        case,
+        (0.0, 0.1, 0.2),
+        lambda x, t: np.stack([0 * x[..., 0], 0 * x[..., 0], 1e6 * x[..., 0]], -1),
+    )
+    found = shear_numbers(case, tmp_path, Window(start=0.0, end=0.2, forward=(0.0, 0.2)))
+    assert "steps of the particles" in found["exposure"]["reason"]
+    assert found["shear"]["max_Pa"]["value"] == pytest.approx(case.fluid.viscosity * 1e5, rel=1e-6)
+
+
 def test_every_number_that_is_reported_has_a_meaning(ran):
     numbers = report_numbers(coarse(6, "output.frames=3"), ran)["valve"]
     for part in ("flutter", "coaptation", "places", "shear", "exposure"):

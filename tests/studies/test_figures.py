@@ -153,6 +153,21 @@ def test_waveforms_hold_the_differences_of_runs_and_of_records(runs, monkeypatch
     assert "two standard deviations" in options["caption"]
 
 
+def test_a_record_begins_where_it_is_told_to(runs, monkeypatch, tmp_path):
+    calls = drawn(monkeypatch, "waves_figure")
+    draw_figure("S6", [runs["beat"], RECORD], tmp_path)
+    done = CliRunner().invoke(
+        app,
+        ["plot", "--figure", "S6", str(runs["beat"]), RECORD, "--start", "85.7 ms", "--out", str(tmp_path)],
+    )
+    assert done.exit_code == 0, done.output
+    plain, moved = (call[0][0][0] for call in calls)
+    assert plain.t[np.argmax(plain.values["q_ao"])] - moved.t[
+        np.argmax(moved.values["q_ao"])
+    ] == pytest.approx(85.7e-3, abs=5e-3)
+    assert moved.deviations["q_ao"].shape == moved.t.shape
+
+
 def test_a_study_is_drawn_by_its_folder_from_the_coarsest_grid_on(runs, tmp_path):
     study = tmp_path / "study"
     for name, spacing in (("fine", "1 mm"), ("coarse", "2 mm")):

@@ -69,15 +69,15 @@ def shear_numbers(case: Case, folder: Path, window: Window) -> dict[str, Any]:
         return {name: {"reason": reason} for name in MEANINGS}
     first = read_grid(files[0][1], files[0][0])
     inside, releases = _lumen(case, first), _releases(case, first, window)
-    rows, before = [], None
+    rows, before, fault = [], None, ""
     for frame in _frames(case, files):
         rows.append(volume_percentiles(frame.values[..., 3], frame.edges, inside, list(PARTS.values())))
-        if before is not None:
-            for release in releases:
-                _carry(release, before, frame)
+        if before is not None and not fault:
+            fault = _carry(releases, before, frame)
         before = frame
     t = np.array([t for t, _ in files])
-    found = {"shear": _shear(t, np.array(rows), window), "exposure": _exposure(releases)}
+    exposure: dict[str, Any] = {"reason": fault} if fault else _exposure(releases)
+    found = {"shear": _shear(t, np.array(rows), window), "exposure": exposure}
     found["exposure"]["frame_spacing_ms"] = 1e3 * float(np.median(np.diff(t)))
     return found
 
@@ -111,13 +111,18 @@ def _releases(case: Case, grid: GridFields, window: Window) -> list[Release]:
     return [Release(t=float(t), particles=Particles(seeds_on_disk(WIDTH * radius, z, SEEDS))) for t in times]
 
 
-def _carry(release: Release, before: Written, after: Written) -> None:
-    """Carry particles on from one frame to the next, from when they are released on."""
-    if release.t >= after.t:
-        return
-    if not len(release.weights):
-        release.weights = np.maximum(release.particles.velocity(before, after, release.t)[:, 2], 0.0)
-    release.particles.advance(before, after, max(release.t, before.t))
+def _carry(releases: list[Release], before: Written, after: Written) -> str:
+    """Carry particles on from one frame to the next, from when they are released on; return why it cannot be."""
+    for release in releases:
+        if release.t >= after.t:
+            continue
+        if not len(release.weights):
+            release.weights = np.maximum(release.particles.velocity(before, after, release.t)[:, 2], 0.0)
+        try:
+            release.particles.advance(before, after, max(release.t, before.t))
+        except ValueError as error:
+            return str(error)
+    return ""
 
 
 def _shear(t: Array, rows: Array, window: Window) -> dict[str, Any]:

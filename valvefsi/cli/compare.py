@@ -11,7 +11,7 @@ import typer
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.labels import LABELS
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Out, Trust
+from valvefsi.cli.options import Out, Trust, read_seconds
 from valvefsi.cli.tables import number, print_table
 from valvefsi.errors import CaseError
 from valvefsi.types import Scalar
@@ -62,8 +62,8 @@ def compare(options: CompareCommand) -> None:
         return
     from valvefsi.studies.comparison import compare_pair, write_comparison
 
-    start, most = _seconds(options.start, "start"), _seconds(options.shift_max, "shift-max")
-    period = None if options.period is None else _seconds(options.period, "period")
+    start, most = read_seconds(options.start, "start"), read_seconds(options.shift_max, "shift-max")
+    period = None if options.period is None else read_seconds(options.period, "period")
     if period == 0.0:
         raise CaseError("expected a positive time", key="period", value=options.period)
     (case_a, a), (case_b, b) = (_read(path, period, options.trust) for path in (options.a, options.b))
@@ -76,21 +76,6 @@ def compare(options: CompareCommand) -> None:
     write_comparison(pair, result, folder)
     _show(console(), result)
     typer.echo(f"results in {folder / 'comparison.json'} and {folder / 'comparison.png'}")
-
-
-def _seconds(text: str, key: str) -> float:
-    """Return a time with a unit, or in s, as s."""
-    from pydantic_core import PydanticCustomError
-
-    from valvefsi.case.quantities import Quantity
-
-    try:
-        value = Quantity("s").parse(text if text.strip()[-1:].isalpha() else f"{text} s")
-    except PydanticCustomError as error:
-        raise CaseError(error.message(), key=key, value=text) from None
-    if value < 0:
-        raise CaseError("expected a time of 0 or more", key=key, value=text)
-    return value
 
 
 def _read(path: Path, period: float | None, trust: bool) -> tuple[Case | None, Beat]:

@@ -17,6 +17,21 @@ def plain(text: str) -> str:
     return text.replace("[", r"\[")
 
 
+def read_seconds(text: str, key: str) -> float:
+    """Return a time with a unit, or in s, as s."""
+    from pydantic_core import PydanticCustomError
+
+    from valvefsi.case.quantities import Quantity
+
+    try:
+        value = Quantity("s").parse(text if text.strip()[-1:].isalpha() else f"{text} s")
+    except PydanticCustomError as error:
+        raise CaseError(error.message(), key=key, value=text) from None
+    if value < 0:
+        raise CaseError("expected a time of 0 or more", key=key, value=text)
+    return value
+
+
 def folder_of_results(path: Path | None, key: str = "--out") -> Path | None:
     """Refuse a folder of results where a file stands, before any work."""
     if path is not None:

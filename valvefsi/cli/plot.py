@@ -11,7 +11,7 @@ import typer
 
 from valvefsi.cli.movie import Cut, read_plane
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Out, Trust, plain
+from valvefsi.cli.options import Out, Trust, plain, read_seconds
 from valvefsi.errors import CaseError
 
 
@@ -41,6 +41,12 @@ class PlotCommand:
             "S16, S17 their stress; S18, S19 two fluids.",
         ),
     ] = None
+    start: Annotated[
+        str,
+        typer.Option(
+            metavar="TIME", help="With --figure S6, S7: time in the record at which a run's cycle begins."
+        ),
+    ] = "0 s"
     field: Annotated[
         str | None, typer.Option("--field", help="What is shown, such as J or 'von Mises stress'.")
     ] = None
@@ -82,8 +88,9 @@ def plot(options: PlotCommand) -> None:
     if options.figure is not None:
         from valvefsi.studies.figures import draw_figure
 
-        paths = [folder, *(options.more or [])]
-        typer.echo(str(draw_figure(options.figure, paths, options.out, trust=options.trust)))
+        paths, start = [folder, *(options.more or [])], read_seconds(options.start, "start")
+        picture = draw_figure(options.figure, paths, options.out, start=start, trust=options.trust)
+        typer.echo(str(picture))
         return
     if options.cut is not None or _is_of_fluid(folder, field):
         from valvefsi.post.movies import draw_plane

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -59,13 +59,16 @@ class Figure:
     runs: int = 1
 
 
-def draw_figure(name: str, paths: Sequence[Path], out: Path | None = None, *, trust: bool = False) -> Path:
+def draw_figure(
+    name: str, paths: Sequence[Path], out: Path | None = None, *, start: float = 0.0, trust: bool = False
+) -> Path:
     """Draw a figure of the supplement from finished runs.
 
     Args:
         name: Its name, such as S8.
         paths: Folders of runs or of studies; S6 and S7 take a record, too (CSV).
         out: Folder of the picture; the first folder unless given.
+        start: Time in a record at which a run's cycle begins [s].
         trust: Whether Python files of materials may be run.
 
     Raises:
@@ -79,7 +82,7 @@ def draw_figure(name: str, paths: Sequence[Path], out: Path | None = None, *, tr
     files = [path for path in map(Path, paths) if path.is_file() and path.suffix == ".csv"]
     if files and figure.make is not _waves:
         raise CaseError(f"figure {figure.name} is of runs, this is a file", file=files[0])
-    records = [read_bench_beat(path) for path in files]
+    records = [_from(read_bench_beat(path), start) for path in files]
     runs = read_runs([path for path in map(Path, paths) if path not in files], trust=trust)
     if len(runs) < figure.runs:
         several = f"{figure.runs} run{'s' * (figure.runs > 1)}"
@@ -87,6 +90,16 @@ def draw_figure(name: str, paths: Sequence[Path], out: Path | None = None, *, tr
         raise CaseError(message, file=Path(paths[0]))
     folder = out if out is not None else runs[0].folder
     return figure.make(figure, runs, records, Path(folder) / f"figure_{figure.name}.png")
+
+
+def _from(beat: Beat, start: float) -> Beat:
+    """Return a beat that begins at a time of another."""
+    if start == 0.0:
+        return beat
+    t = beat.grid[:-1]
+    values = {name: beat.at(name, t + start) for name in beat.values}
+    deviations = {name: beat.deviation_at(name, t + start) for name in beat.deviations}
+    return replace(beat, t=t, values=values, deviations=deviations)
 
 
 def _title(figure: Figure) -> str:
