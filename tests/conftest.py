@@ -14,6 +14,7 @@ from mpi4py import MPI
 ONE_RANK = (
     "fitting",
     "verification/test_collection.py",
+    "case/test_target.py",
     "circulation/test_linear.py",
     "circulation/test_orifice.py",
     "circulation/test_sampling.py",

@@ -32,6 +32,7 @@ from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
 from valvefsi.cli.sweep import sweep
+from valvefsi.cli.target import target
 from valvefsi.cli.validate import validate
 from valvefsi.errors import (
     CaseError,
@@ -62,6 +63,7 @@ app.command()(case)
 app.command()(plot)
 app.command()(movie)
 app.command()(compare)
+app.command()(target)
 app.command()(doctor)
 app.command()(validate)
 app.add_typer(bench, name="bench")
