@@ -40,6 +40,7 @@ ONE_RANK = (
     "test_layers.py",
     "test_readme.py",
     "test_reference_headers.py",
+    "test_release.py",
 )
 """Folders and files in which nothing knows of ranks: fits, files of numbers, energies at a point, words. Not run under
 mpirun, where every rank would do the same."""

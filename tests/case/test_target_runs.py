@@ -68,7 +68,9 @@ def test_a_run_goes_on_with_its_target_and_another_one_must_be_allowed(write, sh
     own = load_case(shared_tmp / "out" / "case.toml", ["time.t_end='0.14 s'"])
     assert run_case(own, **longer)["last"]["t_s"] == pytest.approx(0.14), "from the folder's own case"
     another = ("target.cardiac_output='0.5 l/min'", "time.t_end='0.16 s'")
-    with pytest.raises(CaseError, match=r"circuit\.outlet\.start\.p_wk: the checkpoint is of a run where this was"):
+    with pytest.raises(
+        CaseError, match=r"circuit\.outlet\.start\.p_wk: the checkpoint is of a run where this was"
+    ):
         run_case(write(*another), **longer)
     run_case(write(*another), allow_change=True, **longer)
     ran = load_case(shared_tmp / "out" / "case.toml")
