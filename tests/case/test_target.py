@@ -133,6 +133,17 @@ def test_what_was_chosen_is_the_same_when_it_is_chosen_again(five):
     assert plan_target(case, none) == []
 
 
+def test_one_override_of_a_case_without_the_table_leaves_the_rest_usual():
+    """70 beats a minute, 5 l/min, 100 mmHg."""
+    target = load_case(DEMO, ["target.cardiac_output='7 l/min'"]).target
+    found = (
+        target.beats_per_minute,
+        target.cardiac_output / LITRE_PER_MINUTE,
+        target.mean_aortic_pressure / MMHG,
+    )
+    assert found == pytest.approx((70.0, 7.0, 100.0))
+
+
 def test_a_record_is_stretched_and_scaled_above_its_smallest_value():
     def drive(*changes):
         case = load_case(DEMO, [f"circuit.ventricle.pump.{change}" for change in changes])

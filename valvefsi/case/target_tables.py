@@ -8,6 +8,7 @@ from pydantic import Field
 
 from valvefsi.case.quantities import Quantity, Stress
 from valvefsi.case.table import Table
+from valvefsi.units import LITRE_PER_MINUTE, MMHG
 
 Flow = Annotated[float, Quantity("cm^3/s")]
 Area = Annotated[float, Quantity("cm^2")]
@@ -18,11 +19,17 @@ class Target(Table):
     """Operating condition: the loop with an orifice chooses pump, peripheral resistance and start for it."""
 
     beats_per_minute: float = Field(
-        gt=0, le=600, description="Beats a minute; the pump's record is stretched to it"
+        70.0, gt=0, le=600, description="Beats a minute; the pump's record is stretched to it"
     )
-    cardiac_output: Flow = Field(gt=0, description="Net flow through the valve, the mean of a beat")
+    cardiac_output: Flow = Field(
+        5.0 * LITRE_PER_MINUTE,
+        gt=0,
+        description="Net flow through the valve, the mean of a beat; 5 l/min when left out",
+    )
     mean_aortic_pressure: Stress = Field(
-        gt=0, description="Mean pressure downstream of the valve over a beat"
+        100.0 * MMHG,
+        gt=0,
+        description="Mean pressure downstream of the valve over a beat; 100 mmHg when left out",
     )
     beats: int = Field(
         1, ge=1, le=1000, description="Beats that the run lasts, or longer where time.t_end says so"
