@@ -18,6 +18,7 @@ TITLES = {
     "circulation": "Circuits",
     "geometry": "Meshes",
     "run": "Runs",
+    "scripting": "From Python",
     "post": "Numbers and pictures of a run",
     "io": "Files",
     "case": "Case files",

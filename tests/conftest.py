@@ -15,6 +15,7 @@ ONE_RANK = (
     "fitting",
     "verification/test_collection.py",
     "verification/test_refinement.py",
+    "case/test_target.py",
     "circulation/test_linear.py",
     "circulation/test_orifice.py",
     "circulation/test_orifice_samples.py",
@@ -47,6 +48,7 @@ ONE_RANK = (
     "test_layers.py",
     "test_readme.py",
     "test_reference_headers.py",
+    "test_release.py",
 )
 """Folders and files in which nothing knows of ranks: fits, files of numbers, energies at a point, words. Not run under
 mpirun, where every rank would do the same."""

@@ -27,7 +27,7 @@ if "OMP_NUM_THREADS" in os.environ:
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # What a script needs, loaded when it is first asked for: (module, name).
 _LAZY = {

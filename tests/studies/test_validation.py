@@ -241,3 +241,13 @@ def test_a_case_without_the_two_circuits_is_refused(tmp_path):
         CaseError, match="ventricle.model = 'downstream': expected a circuit upstream-porcine at z_lo"
     ):
         validation_stages(study, tmp_path / "out")
+
+
+def test_a_case_with_a_target_is_refused(tmp_path):
+    target = "[target]\nbeats_per_minute = 70\ncardiac_output = 80\nmean_aortic_pressure = 1e5\n"
+    (tmp_path / "own.toml").write_text(f'include = "{ROOT / "demos" / "porcine_valve.toml"}"\n{target}')
+    study = study_in(tmp_path, changes=["case='own.toml'"])
+    with pytest.raises(
+        CaseError, match="own.toml: target: a study takes pump and resistance from its record"
+    ):
+        validation_stages(study, tmp_path / "out")

@@ -23,6 +23,7 @@ from valvefsi.case.models import Case, Solid
 from valvefsi.case.reading import load_case
 from valvefsi.case.resuming import clear, provenance_of, run_folder
 from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
+from valvefsi.case.target import at_target, plan_target, target_numbers
 from valvefsi.case.valve import build_rigid, check_leaflets, find_orifice
 from valvefsi.case.valve_report import report_valve
 from valvefsi.case.writing import to_toml
@@ -134,7 +135,9 @@ def write_case(case: Case, out: Path, comm: MPI.Comm, changes: Changes = ()) -> 
 
 def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, out: Path = Path()) -> dict[str, object]:
     """Return the plan of a case that would run in a folder, see `valvefsi.run.planning`. Collective."""
-    return {"plan": [*plan(build(case, out, comm)), *cell_reynolds_number(case), *jumping_stress(case)]}
+    case, chosen = at_target(case, comm)
+    entries = [*plan(build(case, out, comm)), *cell_reynolds_number(case), *jumping_stress(case)]
+    return {"plan": [*entries, *plan_target(case, chosen)]}
 
 
 def jumping_stress(case: Case) -> list[Entry]:
@@ -203,6 +206,7 @@ def run_case(
         Collective.
     """
     out = Path(out)
+    case, chosen = at_target(case, comm)
     options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
     with run_folder(case, out, comm, **options) as changes:
         simulation = build(case, out, comm, changes)
@@ -225,6 +229,7 @@ def run_case(
                 result["start"] = {"run": case.start.run, "t_s": history["t_s"][0]}
             if case.output.energy:
                 result["energy"] = balance(history, history["t_s"][0], history["t_s"][-1])
+            result |= {"target": target_numbers(case, chosen)} if chosen is not None else {}
             result |= report_valve(case, out)
             write_text(out / "summary.json", json.dumps(result, indent=2) + "\n")
     return result

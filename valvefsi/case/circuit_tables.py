@@ -45,10 +45,24 @@ class Pump(Table):
         description="Time after which the record is repeated; held at its end without",
         examples=["0.857 s"],
     )
+    record_period: Time | None = Field(
+        None,
+        gt=0,
+        description="Length of a beat in the record where that is another than period: its times are stretched by "
+        "period / record_period",
+        examples=["0.857 s"],
+    )
+    amplitude: float = Field(
+        1.0,
+        gt=0,
+        le=1000,
+        description="Factor on the record: on q_pump, and on what p_pump is above its smallest value",
+    )
     phase: Time = Field(
         0.0,
         ge=0,
-        description="Place in the record at which the run starts: at time t the record is read at t + phase",
+        description="Place in the record at which the run starts: at time t the record is read at phase + t, in its "
+        "own time",
         examples=["300 ms"],
     )
     cycles_from: Time | None = Field(
@@ -61,8 +75,11 @@ class Pump(Table):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.period is not None and self.phase >= self.period:
-            raise problem(f"expected less than the period, {self.period:g} s", "phase", self.phase)
+        if self.record_period is not None and self.period is None:
+            raise problem("there is no period to stretch the record to", "record_period", self.record_period)
+        own = self.record_period or self.period
+        if own is not None and self.phase >= own:
+            raise problem(f"expected less than the period, {own:g} s", "phase", self.phase)
         if self.phase and self.file is None:
             raise problem("there is no record (file) to start within", "phase", self.phase)
         return self

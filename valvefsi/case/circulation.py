@@ -70,9 +70,12 @@ def _drive(case: Case, circuit: CircuitTable, inputs: tuple[str, ...]) -> Callab
     path = Path(circuit.pump.file)
     path = path if path.is_absolute() or case.file is None else case.file.parent / path
     table = read_table(path)
-    columns = {name: _column(table, name, path) for name in wanted}
+    columns = {name: _scaled(name, _column(table, name, path), circuit.pump.amplitude) for name in wanted}
     period, phase, length = circuit.pump.period, circuit.pump.phase, table.t[-1] - table.t[0]
-    key, value = ("period", period) if period is not None else ("phase", phase)
+    own = circuit.pump.record_period or period
+    rate = 1.0 if own is None or period is None else own / period
+    key, value = ("period", own) if own is not None else ("phase", phase)
+    key = "record_period" if circuit.pump.record_period else key
     if value > length * (1 + 1e-6):
         raise CaseError(
             f"the record of {path.name} is shorter, {length:.6g} s",
@@ -82,11 +85,20 @@ def _drive(case: Case, circuit: CircuitTable, inputs: tuple[str, ...]) -> Callab
         )
 
     def drive(t: float) -> dict[str, float]:
-        at = t + phase
-        at = at if period is None else table.t[0] + (at - table.t[0]) % period
+        at = rate * t + phase
+        at = at if own is None else table.t[0] + (at - table.t[0]) % own
         return {name: float(np.interp(at, table.t, values)) for name, values in columns.items()}
 
     return drive
+
+
+def _scaled(name: str, values: np.ndarray, amplitude: float) -> np.ndarray:
+    """Return a column of a pump's record times its amplitude; a pressure above its smallest value, the atrium's not."""
+    if amplitude == 1.0 or name == "p_la":
+        return values
+    rest = values.min() if name.startswith("p") else 0.0
+    scaled: np.ndarray = rest + amplitude * (values - rest)
+    return scaled
 
 
 def _column(table: TimeTable, name: str, path: Path) -> np.ndarray:

@@ -25,6 +25,7 @@ from valvefsi.case.quantities import (
     Viscosity,
 )
 from valvefsi.case.table import Name, Table, problem
+from valvefsi.case.target_tables import Target
 from valvefsi.case.valve_tables import Housing, OwnLeaflets, ValveShape
 from valvefsi.types import Unchecked
 
@@ -400,6 +401,9 @@ class Case(Table):
     solid: tuple[Solid, ...] = Field((), description="Solids")
     housing: Housing | None = Field(None, description="Rigid aortic test section")
     start: Start | None = Field(None, description="What the run begins from")
+    target: Target | None = Field(
+        None, description="Operating condition that pump and resistance are chosen for"
+    )
     _file: Path | None = PrivateAttr(None)
     _trust: bool = PrivateAttr(False)
 

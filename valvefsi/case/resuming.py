@@ -21,7 +21,7 @@ from valvefsi.run.schedule import check_end
 FREE = re.compile(
     r"title|time\.(t_end|max_recoveries)|output\.(frames|units|history_every|checkpoint_every|checkpoint_wall"
     r"|keep_checkpoints)|circuit\.\w+\.(provenance\..*|target_pressure|pump\.cycles_from)"
-    r"|solid\.\w+\.material\.preset"
+    r"|solid\.\w+\.material\.preset|target\..*"
 )
 """What is no part of a state and of the way on from it."""
 FIXED = re.compile(

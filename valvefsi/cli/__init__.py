@@ -34,6 +34,7 @@ from valvefsi.cli.plot import plot
 from valvefsi.cli.run import case, run
 from valvefsi.cli.sample import sample
 from valvefsi.cli.sweep import sweep
+from valvefsi.cli.target import target
 from valvefsi.cli.validate import validate
 from valvefsi.cli.verify import verify
 from valvefsi.errors import (
@@ -66,6 +67,7 @@ app.command()(plot)
 app.command()(movie)
 app.command()(compare)
 app.command()(numbers)
+app.command()(target)
 app.command()(doctor)
 app.command()(validate)
 app.command()(verify)

@@ -38,6 +38,7 @@ def run(
         typer.echo(_first_line(loaded, case.stem))
         sys.stdout.flush()
     from valvefsi.case.build import plan_case, run_case
+    from valvefsi.case.target import beat_period
 
     folder = out if out is not None else Path("results") / case.stem
     if plan:
@@ -53,9 +54,8 @@ def run(
             result["plan"] += on_more_ranks(result["plan"], comm, **how)
         show_result(result, comm)
         return
-    period = next((c.pump.period for c in loaded.circuit if c.pump.period), None)
     options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
-    with Progress(comm, loaded.title or case.stem, period=period) as progress:
+    with Progress(comm, loaded.title or case.stem, period=beat_period(loaded)) as progress:
         result = run_case(loaded, out=folder, comm=comm, progress=progress, **options)
     show_run(result, comm, folder, units=loaded.output.units)
 

@@ -13,6 +13,7 @@ from mpi4py import MPI
 from valvefsi.case import Case, load_case, parse_case
 from valvefsi.case.build import run_case
 from valvefsi.case.overrides import Override, nearest
+from valvefsi.case.target import beat_period
 from valvefsi.cli.progress import Progress
 from valvefsi.errors import (
     CaseError,
@@ -69,8 +70,7 @@ def simulate(
         folder = Path(out) if out is not None else _usual_folder(case)
         loaded = _load(case, [*(overrides or {}).items(), *_dotted(keys)], trust)
         options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
-        period = next((c.pump.period for c in loaded.circuit if c.pump.period), None)
-        with Progress(comm, loaded.title or folder.name, period=period) as shown:
+        with Progress(comm, loaded.title or folder.name, period=beat_period(loaded)) as shown:
             run_case(loaded, out=folder, comm=comm, progress=shown if progress else None, **options)
     return Result(folder)
 

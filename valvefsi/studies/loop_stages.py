@@ -67,9 +67,12 @@ def case_of(study: ValidationStudy, trust: bool) -> tuple[Case, dict[str, str]]:
     """Return the case that a study begins with, and its circuits' names by their model.
 
     Raises:
-        CaseError: It is no valve between the two circuits.
+        CaseError: It is no valve between the two circuits, or has a target.
     """
     case = load_case(study.case, study.changes, trust=trust)
+    if case.target is not None:
+        reason = "a study takes pump and resistance from its record; leave the table out"
+        raise CaseError(reason, file=case.file, key="target")
     sides, names = connected(case), dict[str, str]()
     for side, model in zip(ENDS, (UPSTREAM, DOWNSTREAM), strict=True):
         there = next((c for c in case.circuit if c.name == sides.get(side)), None)
