@@ -59,7 +59,8 @@ def compare(options: CompareCommand) -> None:
 
     if MPI.COMM_WORLD.rank != 0:
         return
-    from valvefsi.studies.comparison import compare_pair, write_comparison
+    from valvefsi.post.valve_comparison import compare_pair
+    from valvefsi.studies.comparison import write_comparison
 
     start, most = _seconds(options.start, "start"), _seconds(options.shift_max, "shift-max")
     period = None if options.period is None else _seconds(options.period, "period")
