@@ -30,6 +30,7 @@ from valvefsi.cli.movie import movie
 from valvefsi.cli.new import new
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
+from valvefsi.cli.report import report
 from valvefsi.cli.run import case, run
 from valvefsi.cli.sweep import sweep
 from valvefsi.cli.validate import validate
@@ -55,6 +56,7 @@ app.command()(case)
 app.command()(plot)
 app.command()(movie)
 app.command()(compare)
+app.command()(report)
 app.command()(doctor)
 app.command()(validate)
 app.add_typer(bench, name="bench")

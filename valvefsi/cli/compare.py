@@ -62,8 +62,8 @@ def compare(options: CompareCommand) -> None:
     from valvefsi.post.valve_comparison import compare_pair
     from valvefsi.studies.comparison import write_comparison
 
-    start, most = _seconds(options.start, "start"), _seconds(options.shift_max, "shift-max")
-    period = None if options.period is None else _seconds(options.period, "period")
+    start, most = read_time(options.start, "start"), read_time(options.shift_max, "shift-max")
+    period = None if options.period is None else read_time(options.period, "period")
     if period == 0.0:
         raise CaseError("expected a positive time", key="period", value=options.period)
     (case_a, a), (case_b, b) = (_read(path, period, options.trust) for path in (options.a, options.b))
@@ -78,7 +78,7 @@ def compare(options: CompareCommand) -> None:
     typer.echo(f"results in {folder / 'comparison.json'} and {folder / 'comparison.png'}")
 
 
-def _seconds(text: str, key: str) -> float:
+def read_time(text: str, key: str) -> float:
     """Return a time with a unit, or in s, as s."""
     from pydantic_core import PydanticCustomError
 

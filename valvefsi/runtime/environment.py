@@ -43,7 +43,11 @@ def machine() -> dict[str, Any]:
     """Return the processor's name, the cores that this process may use, and the memory [GiB]."""
     memory = machine_memory() / 2**30
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {"processor": _processor(), "cores": cores, "memory_gib": memory if math.isfinite(memory) else None}
+    return {
+        "processor": _processor(),
+        "cores": cores,
+        "memory_gib": memory if math.isfinite(memory) else None,
+    }
 
 
 def _processor() -> str:
