@@ -51,6 +51,13 @@ INSIDE = {
         {"planning", "sweep", "beats"},
         {"sweep_picture", "validation"},
     ],
+    "report": [
+        {"blocks", "runs", "words"},
+        {"geometry", "inputs", "results", "evidence", "writing"},
+        {"scenes", "others"},
+        {"compared"},
+        {"folders"},
+    ],
     "benchmarks": [
         {"options", "references", "results"},
         {"frame"},
@@ -86,6 +93,7 @@ FENCES = {
     "dolfinx_solver": ("runtime/dolfinx_compat.py",),
     "numba": KERNELS,
     "gmsh": ("geometry/*",),
+    **dict.fromkeys(("jinja2", "plotly"), ("report/*",)),
     **dict.fromkeys(("pydantic", "pint", "typer", "rich"), BORDER),
 }
 MODULE_LINES, FUNCTION_LINES, KERNEL_LINES, ARGUMENTS = 450, 40, 60, 8
@@ -283,6 +291,7 @@ BAD = [
     ("fluid/boundary.py", "import numba as nb", "numba is allowed only in"),
     ("coupling/transfer.py", "from dolfinx.fem import form", "dolfinx is allowed only in"),
     ("solid/structure.py", "import gmsh", "gmsh is allowed only in"),
+    ("post/movies.py", "import plotly", "plotly is allowed only in"),
     ("run/simulation.py", "from rich.progress import Progress", "rich is allowed only in"),
     ("grid/mac.py", "from petsc4py import PETSc", "petsc4py is allowed only in"),
     ("solid/loads.py", "from numpy import *", "import *"),

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from valvefsi.cli.movie import Cut, read_plane
-from valvefsi.cli.options import Out, Trust, plain
+from valvefsi.cli.options import Out, Style, Trust, plain
 from valvefsi.errors import CaseError
 
 
@@ -35,33 +35,40 @@ def plot(
     cut: Cut = None,
     out: Out = None,
     trust: Trust = False,
+    style: Style = "screen",
 ) -> None:
     """Draw every deformed solid in a folder of results, a plane of its fluid, or the fibres of a case."""
     from mpi4py import MPI
 
+    from valvefsi.post.plots.paper import paper
+
     if t is not None and not math.isfinite(t):
         raise CaseError("expected a finite time", key="--time", value=t)
-    if fibres:
-        _draw_fibres(folder, out if out is not None else Path(), trust)
-        return
-    if MPI.COMM_WORLD.rank == 0 and (cut is not None or _is_of_fluid(folder, field)):
-        from valvefsi.post.movies import draw_plane
+    where = out if out is not None else Path() if fibres else folder
+    with paper(style == "paper"):
+        if fibres:
+            made = _draw_fibres(folder, where, trust)
+        elif MPI.COMM_WORLD.rank != 0:
+            return
+        elif cut is not None or _is_of_fluid(folder, field):
+            from valvefsi.post.movies import draw_plane
 
-        where = out if out is not None else folder
-        typer.echo(str(draw_plane(folder, where, plane=read_plane(cut), field=field or "speed", t=t)))
-        return
-    from valvefsi.post.plots.solid import can_render, draw_bodies
-
-    if MPI.COMM_WORLD.rank != 0:
-        return
-    bodies = draw_bodies(folder, out if out is not None else folder, field=field, t=t)
-    made = [path for path, _ in bodies]
-    if field is None and t is None:
-        made = [*made, *_draw_valve(folder, out if out is not None else folder, trust)]
-    if any(body.dim == 3 for _, body in bodies) and not can_render():
-        typer.echo("pyvista or EGL is missing: bodies in space are drawn by matplotlib")
+            made = [draw_plane(folder, where, plane=read_plane(cut), field=field or "speed", t=t)]
+        else:
+            made = _draw_solids(folder, where, field, t)
+            made += _draw_valve(folder, where, trust) if field is None and t is None else []
     for path in made:
         typer.echo(str(path))
+
+
+def _draw_solids(folder: Path, out: Path, field: str | None, t: float | None) -> list[Path]:
+    """Draw the solids of a folder of results, and say where that is plainer than it could be."""
+    from valvefsi.post.plots.solid import can_render, draw_bodies
+
+    bodies = draw_bodies(folder, out, field=field, t=t)
+    if any(body.dim == 3 for _, body in bodies) and not can_render():
+        typer.echo("pyvista or EGL is missing: bodies in space are drawn by matplotlib")
+    return [path for path, _ in bodies]
 
 
 def _is_of_fluid(folder: Path, field: str | None) -> bool:
@@ -91,10 +98,9 @@ def _draw_valve(folder: Path, out: Path, trust: bool) -> list[Path]:
         return []
 
 
-def _draw_fibres(case_file: Path, out: Path, trust: bool) -> None:
+def _draw_fibres(case_file: Path, out: Path, trust: bool) -> list[Path]:
     """Draw the fibre fields of a case file."""
     from valvefsi.case import load_case
     from valvefsi.case.fibre_pictures import draw_fibres
 
-    for path in draw_fibres(load_case(case_file, trust=trust), out):
-        typer.echo(str(path))
+    return list(draw_fibres(load_case(case_file, trust=trust), out))

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from valvefsi.types import Array
+from valvefsi.types import Array, Indices
 
 Cell = str | int | float | bool | None
 """A cell of a table; a number is shown in five digits and kept in all of them, None is said to be missing."""
@@ -152,7 +152,7 @@ def picture(path: Path, alt: str, caption: str = "") -> Picture:
     return Picture(source=f"data:image/png;base64,{coded}", alt=alt, caption=caption or alt)
 
 
-def packed(values: Array, kind: str = "f8") -> dict[str, Any]:
+def packed(values: Array | Indices, kind: str = "f8") -> dict[str, Any]:
     """Return an array as the page reads it, its bytes in base 64: ``f8`` as it is, ``u2`` in 65535 steps of its range.
 
     Args:

@@ -65,7 +65,9 @@ def compared(a: Side, b: Side, *, start: float = 0.0, shift_max: float = 7e-3) -
     sections += [_cases(a.run, b.run)] if a.run is not None and b.run is not None else []
     sections.append(_moments((a, b), names, pair))
     sections += [_scenes((a, b), names, pair)] if a.run is not None and b.run is not None else []
-    about = "A is compared with B, the reference, as valvefsi compare does it: the last whole cycle of a run, the mean of a record."
+    about = (
+        "A is compared with B, the reference: the last whole cycle of a run, the mean of a record's cycles."
+    )
     return Part(title=f"{names['a']} against {names['b']}", about=about, sections=sections)
 
 
@@ -140,26 +142,20 @@ def _curves(pair: Pair, result: Mapping[str, Any], names: Mapping[str, str]) -> 
     for name in (name for name in pair.quantities if name in QUANTITIES):
         unit, scale = units[name]
         x, y = pair.values(name)
-        band = {}
-        if name in pair.b.deviations:
-            band = {"band": 2.0 * pair.b.deviation_at(name, pair.t) / scale}
+        known = name in pair.b.deviations
+        band = 2.0 * pair.b.deviation_at(name, pair.t) / scale if known else None
         moved = pair.values(name, shift)[0]
-        curves = [_curve(names["b"], pair.t, y / scale, 0, **band), _curve(names["a"], pair.t, x / scale, 1)]
-        curves.append(_curve(f"A moved by {1e3 * shift:+.2f} ms", pair.t, moved / scale, 2, dash="dot"))
+        curves = [
+            curve(names["b"], pair.t, y / scale, 0, band=band),
+            curve(names["a"], pair.t, x / scale, 1),
+        ]
+        curves.append(curve(f"A moved by {1e3 * shift:+.2f} ms", pair.t, moved / scale, 2, dash="dot"))
         panels.append({"label": f"{WORDS[name]} [{unit}]", "unit": unit, "curves": curves})
-    caption = "One cycle on the clock of B; the band is twice the standard deviation of B over its cycles, where it has one."
+    caption = "One cycle on the clock of B. The band is twice the standard deviation of B, if it has one."
     listed = ", ".join(str(panel["label"]) for panel in panels)
     alt = f"Waveforms of {names['a']} and {names['b']} over one cycle: {listed}."
     data = {"x": {"label": "t in the cycle of B [s]"}, "panels": panels}
     return Section(title="Waveforms", blocks=[Figure(kind="chart", alt=alt, caption=caption, data=data)])
-
-
-def _curve(
-    name: str, x: Any, y: Any, colour: int, *, band: Any = None, dash: str = "solid"
-) -> dict[str, Any]:
-    from valvefsi.report.blocks import packed
-
-    return curve(name, x, y, colour, dash=dash, **({} if band is None else {"band": packed(band)}))
 
 
 def _numbers(result: Mapping[str, Any], names: Mapping[str, str]) -> Section:
@@ -239,6 +235,7 @@ def _scenes(sides: Sequence[Side], names: Mapping[str, str], pair: Pair) -> Sect
             blocks.append(missing(f"{names[letter]} has no frames to show."))
             continue
         panels += [{**panel, "title": f"{panel['title']}: {names[letter]}"} for panel in found.panels]
+    _one_scale(panels)
     if panels:
         scene = {
             "t": (1e3 * phases).tolist(),
@@ -251,3 +248,14 @@ def _scenes(sides: Sequence[Side], names: Mapping[str, str], pair: Pair) -> Sect
         caption = "Each at its frame nearest to the time of the slider; drag to turn."
         blocks.insert(0, Figure(kind="scene", alt=alt, caption=caption, data=scene))
     return Section(title=title, blocks=blocks)
+
+
+def _one_scale(panels: Sequence[dict[str, Any]]) -> None:
+    """Give fields of one name one scale, and planes too."""
+    fields = [field for panel in panels for body in panel.get("bodies", ()) for field in body["fields"]]
+    for one in (fields, [panel for panel in panels if "values" in panel]):
+        for name in {field["name"] for field in one}:
+            alike = [field for field in one if field["name"] == name]
+            ends = min(field["low"] for field in alike), max(field["high"] for field in alike)
+            for field in alike:
+                field["low"], field["high"] = ends

@@ -14,7 +14,7 @@ from valvefsi.case import Case
 from valvefsi.case.valve import find_valve
 from valvefsi.report.blocks import Block, Cell, Section, Table, is_numeric, missing
 from valvefsi.report.runs import Run
-from valvefsi.report.words import TERMS
+from valvefsi.report.words import TERMS, pretty
 
 VALVE = (
     "valve-beat",
@@ -140,10 +140,10 @@ def committed(features: Any) -> list[Block]:
         )
     headings = ("result", "evidence for", "numbers", "with a reference", "date", "commit", "file")
     caption = "Committed results of this program that apply to what was run here"
-    return [Table(caption=caption, headings=headings, rows=rows), _comparisons(found)]
+    return [Table(caption=caption, headings=headings, rows=rows), *_comparisons(found)]
 
 
-def _comparisons(found: Mapping[str, Mapping[str, Any]]) -> Block:
+def _comparisons(found: Mapping[str, Mapping[str, Any]]) -> list[Block]:
     """Return what these results compare with what."""
     rows: list[tuple[Cell, ...]] = []
     for name, result in found.items():
@@ -156,14 +156,14 @@ def _comparisons(found: Mapping[str, Mapping[str, Any]]) -> Block:
                         q["computed"],
                         q["reference"],
                         _off(q),
-                        q.get("unit", ""),
+                        pretty(q.get("unit", "")),
                         q.get("source", ""),
                         name,
                     )
                 )
     headings = ("quantity", "computed", "reference", "difference [%]", "unit", "source", "result")
     text = f"Committed numbers beside their references ({len(rows)})"
-    return Table(caption=text, headings=headings, rows=rows, folded=text)
+    return [Table(caption=text, headings=headings, rows=rows, folded=text)] if rows else []
 
 
 def _off(row: Mapping[str, Any]) -> Cell:

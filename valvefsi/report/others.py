@@ -12,6 +12,7 @@ from valvefsi.report.evidence import committed
 from valvefsi.report.inputs import versions
 from valvefsi.report.results import pictures
 from valvefsi.report.runs import read_table
+from valvefsi.report.words import pretty
 from valvefsi.verification.collection import collect
 
 MISFIT = {
@@ -92,7 +93,7 @@ def _parameters(parameters: Mapping[str, Mapping[str, Any]]) -> list[Block]:
         boot = it.get("ci95_bootstrap") or ("-", "-")
         held = it.get("std") is None
         cells = ("held", "-", "-") if held else (it["std"], *ends)
-        rows.append((name, it["value"], it["unit"], *cells, *boot, it.get("verdict", "")))
+        rows.append((name, it["value"], pretty(it["unit"]), *cells, *boot, it.get("verdict", "")))
     headings = (
         "parameter",
         "value",
@@ -127,7 +128,7 @@ def a_benchmark(folder: Path) -> Part:
             line.computed,
             _or_dash(line.reference),
             _or_dash(line.difference_percent),
-            line.unit,
+            pretty(line.unit),
             line.source,
         )
         for line in lines

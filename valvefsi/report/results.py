@@ -30,9 +30,12 @@ LONGEST_PICTURES = 12
 """Most pictures of a folder that go into a page."""
 
 
-def curve(name: str, x: Array, y: Array, colour: int, **more: object) -> dict[str, Any]:
-    """Return a curve of a chart."""
-    return {"name": name, "x": packed(x), "y": packed(y), "colour": colour, **more}
+def curve(
+    name: str, x: Array, y: Array, colour: int, *, band: Array | None = None, dash: str = "solid"
+) -> dict[str, Any]:
+    """Return a curve of a chart; a band lies this far to both sides of it."""
+    around = {} if band is None else {"band": packed(band)}
+    return {"name": name, "x": packed(x), "y": packed(y), "colour": colour, "dash": dash, **around}
 
 
 def waveforms(run: Run) -> Section:

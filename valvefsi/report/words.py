@@ -36,7 +36,7 @@ TERMS = {
     "scheme": "loss to the advection scheme, its numerical dissipation",
     "bodies": "work of the bodies on the fluid",
     "residual": "what is left: of integration in time, of sides and their backflow",
-    "residual_percent": "the residual over the work that comes in, |pressures| + |inflow| (at least the loss to viscosity)",
+    "residual_percent": "the residual over the work that comes in, |pressures| + |inflow|",
 }
 """Terms of the balance of energy, see `valvefsi.run.energy`."""
 POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -34,8 +34,8 @@ MUST_BEAT = ("p_lv", "q_ao")
 """Waveforms in which a valve in three dimensions must be nearer to the record than an orifice is."""
 
 
-def write_comparison(pair: Pair, result: Comparison, folder: Path) -> None:
-    """Write ``comparison.json`` and ``comparison.png``."""
+def write_comparison(pair: Pair, result: Comparison, folder: Path) -> Path:
+    """Write ``comparison.json`` and ``comparison.png``; return the second."""
     from valvefsi.post.plots.valve_comparison import Overlay, valve_comparison
 
     write_json(folder / "comparison.json", result)
@@ -52,7 +52,8 @@ def write_comparison(pair: Pair, result: Comparison, folder: Path) -> None:
     names["shifted"] = f"difference with {names['a']} moved by {1e3 * shift:+.2f} ms"
     title = f"{names['a']} and {names['b']}"
     caption = f"one cycle of {pair.b.period:.4g} s; the lower panels show {names['a']} less {names['b']}"
-    valve_comparison(folder / "comparison.png", pair.t, overlays, names, title=title, caption=caption)
+    path = folder / "comparison.png"
+    return valve_comparison(path, pair.t, overlays, names, title=title, caption=caption)
 
 
 def _called(result: Comparison, side: str) -> str:
