@@ -104,7 +104,7 @@ def _resize(figure: Figure) -> None:
 
 def _break_legends(figure: Figure) -> None:
     """Put the legends of a figure that are wider than it into two columns, which grow upwards."""
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     for legend in list(figure.legends):
         box = legend.get_window_extent().transformed(figure.transFigure.inverted())
         if box.x1 > 1.0 or box.x0 < 0.0:
@@ -121,7 +121,7 @@ def _columns(spec: SubplotSpec) -> int:
 
 def _fit(figure: Figure) -> None:
     """Move and shrink the axes so that they lie in the figure with all that belongs to them."""
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     boxes = [axes.get_tightbbox() for axes in figure.axes]
     size = figure.bbox.size
     whole = mpl.transforms.Bbox.union([box for box in boxes if box is not None])
@@ -136,7 +136,7 @@ def _fit(figure: Figure) -> None:
 
 def _crop(figure: Figure) -> None:
     """Take away what is empty above and below."""
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     drawn, old = figure.get_tightbbox(), float(figure.get_figheight())
     figure.set_layout_engine("none")
     start, new = drawn.y0 - MARGIN, drawn.y1 - drawn.y0 + 2 * MARGIN
