@@ -88,13 +88,16 @@ class Browser:
         elif method == "Network.requestWillBeSent":
             self.asked.append(said["request"]["url"])
 
-    def open(self, path, *, width=1200, height=900, dark=False):
-        """Open a file in a window of a size, light or dark."""
-        phone = width < 600
-        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": phone}
+    def look(self, *, width=900, height=600, dark=False):
+        """Make the window of a size, light or dark."""
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
         self.call("Emulation.setDeviceMetricsOverride", **size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
+
+    def open(self, path, **how):
+        """Open a file in a window, see `look`."""
+        self.look(**how)
         self.call("Page.navigate", url=path.resolve().as_uri())
         self.until("document.readyState === 'complete'")
 

@@ -275,6 +275,18 @@ def test_what_no_page_can_be_made_of_is_refused_in_one_line(tmp_path):
             report(paths)
 
 
+def one_table(rows):
+    """A page of one table as HTML."""
+    text = Section(title="s", blocks=[Note(text="n"), Table(caption="c", headings=("a", "b"), rows=rows)])
+    return html(Page(title="t", made="m", parts=[Part(title="p", about="", sections=[text])]))
+
+
+def test_a_cell_says_what_is_missing_or_not_a_number():
+    found = Parsed(one_table([("x", None), ("y", float("nan")), ("z", 1e-7), ("w", True), ("v", 12)]))
+    cells = {row[0]["text"]: row[1]["text"] for row in found.tables[0]["rows"][1:]}
+    assert cells == {"x": "missing", "y": "not finite", "z": "1e-07", "w": "yes", "v": "12"}
+
+
 def test_a_library_that_is_missing_is_named_before_any_work(monkeypatch, tmp_path):
     monkeypatch.setattr(writing, "NEEDED", ("jinja2", "no_such_library"))
     with pytest.raises(SurroundingsError, match=r"needs no_such_library: pip install 'valvefsi\[report\]'"):
@@ -283,8 +295,7 @@ def test_a_library_that_is_missing_is_named_before_any_work(monkeypatch, tmp_pat
 
 
 def test_a_page_without_figures_leaves_the_library_out_and_pages_stay_small(run):
-    text = Section(title="s", blocks=[Note(text="n"), Table(caption="c", headings=("a",), rows=[(1.0,)])])
-    small = html(Page(title="t", made="m", parts=[Part(title="p", about="", sections=[text])]))
+    small = one_table([("x", 1.0)])
     assert len(small) < 30_000
     assert len(html(report([run]))) < LARGEST / 3
 
