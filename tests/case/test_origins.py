@@ -100,7 +100,7 @@ def test_a_preset_is_the_origin_of_the_parameters_that_are_not_given(file):
 def test_without_a_record_only_what_is_like_the_default_is_told_from_the_rest(file):
     found = entries(load_case(file), None)
     assert found["fluid.advection"].origin == "the default, or given like it"
-    assert found["fluid.viscosity"].origin == "not recorded"
+    assert found["grid.upper"].origin == "not recorded"
 
 
 def test_every_value_of_a_case_is_told_once(file):

@@ -82,4 +82,4 @@ def _next(result: Mapping[str, Any], folder: Path) -> list[str]:
         return []
     later = f"time.t_end='{2.0 * float(result['last'].get('t_s', 0.0)):.4g} s'"
     more = f"valvefsi run {folder / 'case.toml'} --out {folder} --resume --set {later}"
-    return ["next:", f"  valvefsi report {folder}", f"  valvefsi plot {folder}", f"  {more}"]
+    return ["next:", f"  valvefsi plot {folder}", f"  valvefsi report {folder}", f"  {more}"]

@@ -25,6 +25,7 @@ LEFT: dict[str, Callable[[Path], Part]] = {
     "fit.json": a_fit,
     "sweep.json": a_sweep,
     "compare/stage.json": a_validation,
+    "downstream/stage.json": a_validation,
     "result.json": a_benchmark,
 }
 """What a folder holds, by a file that only this leaves there; a run leaves case.toml."""

@@ -30,6 +30,7 @@ MISFIT = {
     "seconds": "time of the fit [s]",
 }
 """Numbers of a fit and what they mean."""
+WAYS, KINDS = ("as_they_are", "shifted"), ("l2_percent", "linf_percent", "nrmse_percent")
 FEW = 24
 """Columns of a sweep's table that are open."""
 
@@ -121,7 +122,6 @@ def a_benchmark(folder: Path) -> Part:
     """Return the part on a benchmark."""
     result = read_table(folder / "result.json")
     name = str(result.get("benchmark", folder.name))
-    lines = collect([folder], everything=True)
     rows: list[tuple[Cell, ...]] = [
         (
             line.label(),
@@ -131,39 +131,24 @@ def a_benchmark(folder: Path) -> Part:
             pretty(line.unit),
             line.source,
         )
-        for line in lines
+        for line in collect([folder], everything=True)
     ]
     headings = ("quantity", "computed", "reference", "difference [%]", "unit", "source")
+    known = ("table", "environment", "parameters", "timing")
+    rest = flat({key: value for key, value in result.items() if key not in known})
     text = "Everything in result.json"
-    rest = {
-        key: value
-        for key, value in result.items()
-        if key not in ("table", "environment", "parameters", "timing")
-    }
+    compared = Table(caption=f"Benchmark {name}", headings=headings, rows=rows)
+    everything = Table(caption=text, headings=("path", "value"), rows=rest, folded=text)
+    given = Table(
+        caption="Parameters, CGS", headings=("parameter", "value"), rows=flat(result.get("parameters", {}))
+    )
+    took = Table(caption="Time and memory", headings=("what", "value"), rows=flat(result.get("timing", {})))
+    made = versions(result.get("environment", {}), "Versions and machine are not recorded.")
     sections = [
-        Section(
-            title="Computed beside references",
-            blocks=[Table(caption=f"Benchmark {name}", headings=headings, rows=rows)],
-        ),
-        Section(
-            title="What was run",
-            blocks=[
-                Table(
-                    caption="Parameters, CGS",
-                    headings=("parameter", "value"),
-                    rows=flat(result.get("parameters", {})),
-                ),
-                Table(
-                    caption="Time and memory", headings=("what", "value"), rows=flat(result.get("timing", {}))
-                ),
-                *versions(result.get("environment", {}), "Versions and machine are not recorded."),
-            ],
-        ),
+        Section(title="Computed beside references", blocks=[compared]),
+        Section(title="What was run", blocks=[given, took, *made]),
         pictures(folder),
-        Section(
-            title="Numbers",
-            blocks=[Table(caption=text, headings=("path", "value"), rows=flat(rest), folded=text)],
-        ),
+        Section(title="Numbers", blocks=[everything]),
     ]
     return Part(title=f"Benchmark {name}", about=folder.resolve().name, sections=sections)
 
@@ -228,57 +213,41 @@ def _member_numbers(members: Sequence[Mapping[str, Any]]) -> list[Block]:
 
 def a_validation(folder: Path) -> Part:
     """Return the part on a validation."""
-    verdict = read_table(folder / "compare" / "verdict.json")
+    verdict, name = read_table(folder / "compare" / "verdict.json"), folder.resolve().name
     if not verdict:
-        why = "The stage compare has not been made: there is no verdict.json yet."
-        return Part(
-            title=f"Validation {folder.name}",
-            about="",
-            sections=[Section(title="Verdict", blocks=[missing(why)])],
-        )
-    checks: list[tuple[Cell, ...]] = [
-        tuple(
-            _or_dash(c.get(k))
-            for k in ("run", "quantity", "norm", "at_most", "found", "found_shifted", "reached", "against")
-        )
-        for c in verdict.get("checks", ())
-    ]
-    headings = ("run", "waveform", "norm", "at most [%]", "found [%]", "shifted [%]", "reached", "asked by")
-    norms = [
-        (
-            f"{r['a']['name']} - {r['b']['name']}, {name}",
-            *(row[w][k] for w in ("as_they_are", "shifted") for k in KINDS),
-        )
-        for r in (*verdict.get("against_record", ()), *verdict.get("between_grids", ()))
-        for name, row in r["quantities"].items()
-    ]
-    kinds = [f"{text}{end}" for end in ("", " shifted") for text in ("L2 [%]", "Linf [%]", "NRMSE [%]")]
-    blocks: list[Block] = [Table(caption="What was asked and what was found", headings=headings, rows=checks)]
+        why = missing("The stage compare has not been made: there is no verdict.json yet.")
+        return Part(title=f"Validation {name}", about="", sections=[Section(title="Verdict", blocks=[why])])
+    blocks: list[Block] = [_checks(verdict)]
     blocks += [Note(text=str(line), tone="warning") for line in verdict.get("next", ())]
-    text = "What came of each stage"
-    stages = Table(
-        caption=text, headings=("path", "value"), rows=flat(verdict.get("stages", {})), folded=text
-    )
-    rows = Table(
-        caption="Norms, against the record and between grids", headings=("pair, waveform", *kinds), rows=norms
-    )
-    drawn = [
-        block
-        for one in sorted((folder / "compare").glob("*/"))
-        for block in pictures(one).blocks
-        if block.kind == "picture"
-    ]
+    text, told = "What came of each stage", flat(verdict.get("stages", {}))
+    stages = Table(caption=text, headings=("path", "value"), rows=told, folded=text)
+    found = [block for one in sorted((folder / "compare").glob("*/")) for block in pictures(one).blocks]
+    drawn = [block for block in found if block.kind == "picture"]
     sections = [
         Section(title="Verdict", blocks=blocks),
-        Section(title="Norms", blocks=[rows]),
+        Section(title="Norms", blocks=[_norms(verdict)]),
         Section(title="Stages", blocks=[stages]),
         Section(title="Pictures", blocks=drawn or [missing("There are no pictures.")]),
     ]
-    return Part(
-        title=f"Validation {verdict.get('title') or folder.name}",
-        about=folder.resolve().name,
-        sections=sections,
-    )
+    return Part(title=f"Validation {verdict.get('title') or name}", about=name, sections=sections)
 
 
-KINDS = ("l2_percent", "linf_percent", "nrmse_percent")
+def _checks(verdict: Mapping[str, Any]) -> Table:
+    """Return what a validation was asked for and what it found."""
+    keys = ("run", "quantity", "norm", "at_most", "found", "found_shifted", "reached", "against")
+    headings = ("run", "waveform", "norm", "at most [%]", "found [%]", "shifted [%]", "reached", "asked by")
+    rows = [tuple(_or_dash(check.get(key)) for key in keys) for check in verdict.get("checks", ())]
+    return Table(caption="What was asked and what was found", headings=headings, rows=rows)
+
+
+def _norms(verdict: Mapping[str, Any]) -> Table:
+    """Return the norms of a validation, against the record and between its grids."""
+    pairs = (*verdict.get("against_record", ()), *verdict.get("between_grids", ()))
+    rows = [
+        (f"{it['a']['name']} - {it['b']['name']}, {name}", *(row[w][k] for w in WAYS for k in KINDS))
+        for it in pairs
+        for name, row in it["quantities"].items()
+    ]
+    kinds = [f"{text}{end}" for end in ("", " shifted") for text in ("L2 [%]", "Linf [%]", "NRMSE [%]")]
+    caption = "Norms, against the record and between grids"
+    return Table(caption=caption, headings=("pair, waveform", *kinds), rows=rows)
