@@ -24,6 +24,7 @@ TITLES = {
     "case": "Case files",
     "fitting": "Fits",
     "studies": "Studies: many steps or runs",
+    "report": "Reports",
     "runtime": "Threads, memory, compiled loops",
     "types": "Types and protocols",
 }

@@ -31,6 +31,7 @@ ONE_RANK = (
     "post/test_valve_comparison.py",
     "post/test_valve_numbers.py",
     "post/test_valve_waveform_plots.py",
+    "report",
     "solid/test_material_closed_forms.py",
     "solid/test_material_parameters.py",
     "solid/test_materials.py",

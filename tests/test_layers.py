@@ -60,6 +60,13 @@ INSIDE = {
         {"grid_numbers", "grid_report", "sampling"},
         {"sample_runs", "sample_report"},
     ],
+    "report": [
+        {"blocks", "runs", "words"},
+        {"geometry", "inputs", "results", "evidence", "writing"},
+        {"scenes", "others"},
+        {"compared"},
+        {"folders"},
+    ],
     "benchmarks": [
         {"options", "references", "results"},
         {"frame"},
@@ -96,6 +103,7 @@ FENCES = {
     "numba": KERNELS,
     "gmsh": ("geometry/*",),
     "SALib": ("studies/sobol_design.py",),
+    **dict.fromkeys(("jinja2", "plotly"), ("report/*",)),
     **dict.fromkeys(("pydantic", "pint", "typer", "rich"), BORDER),
 }
 MODULE_LINES, FUNCTION_LINES, KERNEL_LINES, ARGUMENTS = 450, 40, 60, 8
@@ -293,6 +301,7 @@ BAD = [
     ("fluid/boundary.py", "import numba as nb", "numba is allowed only in"),
     ("coupling/transfer.py", "from dolfinx.fem import form", "dolfinx is allowed only in"),
     ("solid/structure.py", "import gmsh", "gmsh is allowed only in"),
+    ("post/movies.py", "import plotly", "plotly is allowed only in"),
     ("run/simulation.py", "from rich.progress import Progress", "rich is allowed only in"),
     ("grid/mac.py", "from petsc4py import PETSc", "petsc4py is allowed only in"),
     ("solid/loads.py", "from numpy import *", "import *"),

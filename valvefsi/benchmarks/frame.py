@@ -21,8 +21,9 @@ from typing import Any, ClassVar, Generic, TypeVar
 from mpi4py import MPI
 
 from valvefsi.benchmarks.options import Parameters, Values, check_options, option, read_parameters
-from valvefsi.benchmarks.results import Row, environment, peak_memory, plain, write_result
+from valvefsi.benchmarks.results import Row, peak_memory, plain, write_result
 from valvefsi.io.folder import write_text
+from valvefsi.runtime.environment import environment
 from valvefsi.runtime.memory import keep_freed_memory
 from valvefsi.types import Progress
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
-import platform
 import resource
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,11 +12,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-import valvefsi
 from valvefsi.io.folder import write_text
 from valvefsi.verification.convergence import observed_order
-
-PACKAGES = ("fenics-dolfinx", "fenics-ufl", "numpy", "scipy", "numba", "mpi4py", "gmsh")
 
 Row = dict[str, Any]
 """A line of a table: ``quantity``, ``computed``, ``reference``, ``difference_percent``, ``unit``, ``source``."""
@@ -40,27 +34,6 @@ class Reference:
     source: str = ""
     band: tuple[float, float] | None = None
     exact: bool = False
-
-
-def environment(comm: MPI.Comm) -> dict[str, Any]:
-    """Versions, platform, ranks and date that belong to a result."""
-    versions = {"valvefsi": valvefsi.__version__, "python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    from valvefsi.runtime.dolfinx_compat import RELEASE
-
-    versions["fenics-dolfinx"] = str(RELEASE)
-    return {
-        "versions": versions,
-        "platform": platform.platform(),
-        "processor": platform.machine(),
-        "mpi": MPI.Get_library_version().split("\n")[0].strip("\0 "),
-        "ranks": comm.size,
-        "date": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-    }
 
 
 def write_result(out: Path, result: Mapping[str, Any], comm: MPI.Comm) -> Path:

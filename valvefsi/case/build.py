@@ -20,6 +20,7 @@ from valvefsi.case.fibres import add_fibres
 from valvefsi.case.materials import make_material, say_provenance
 from valvefsi.case.meshes import solid_mesh
 from valvefsi.case.models import Case, Solid
+from valvefsi.case.origins import write_provenance
 from valvefsi.case.reading import load_case
 from valvefsi.case.resuming import clear, provenance_of, run_folder
 from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
@@ -215,6 +216,7 @@ def run_case(
         if overwrite and not resume:
             clear(out, comm)
         write_case(case, out, comm, changes)
+        write_provenance(case, out, comm, resume=resume)
         outcome = simulation.run(resume=resume, progress=progress)
         ended = None if outcome.steps or changes else _summary(out, comm)
         if ended is not None:

@@ -406,6 +406,7 @@ class Case(Table):
     )
     _file: Path | None = PrivateAttr(None)
     _trust: bool = PrivateAttr(False)
+    _origins: dict[str, str] = PrivateAttr(default_factory=dict)
 
     @property
     def trust(self) -> bool:
@@ -416,6 +417,11 @@ class Case(Table):
     def file(self) -> Path | None:
         """The file it was read from."""
         return self._file
+
+    @property
+    def origins(self) -> dict[str, str]:
+        """Where the values that were given are from, by their paths, see `valvefsi.case.origins`."""
+        return self._origins
 
     @property
     def dt(self) -> float:

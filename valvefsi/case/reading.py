@@ -16,6 +16,7 @@ from valvefsi.case.circuit_tables import circuit_schemas
 from valvefsi.case.includes import read_toml, resolve_includes
 from valvefsi.case.materials import material_schemas
 from valvefsi.case.models import Case
+from valvefsi.case.origins import origins_of, shown_path
 from valvefsi.case.overrides import Override, apply_overrides, nearest
 from valvefsi.case.trust import load_own_materials
 from valvefsi.errors import CaseError
@@ -93,12 +94,13 @@ def parse_case(
     except ValidationError as error:
         raise one_line(error, tables, file, changed) from None
     case._file, case._trust = file, trust
+    case._origins = origins_of(raw, file, tables, changed)
     try:
         check_case(case)
     except CaseError as error:
         loc = [int(part) if part.isdigit() else part for part in str(error.key).split(".")]
         source = _source(str(error.key), file, changed)
-        raise CaseError(error.reason, file=source, key=_shown(loc, tables), value=error.value) from None
+        raise CaseError(error.reason, file=source, key=shown_path(loc, tables), value=error.value) from None
     return case
 
 
@@ -159,7 +161,7 @@ def _find_file(
         source = _source(".".join(map(str, key)), file, changed)
         kind, suffix = ("mesh ", ".msh") if "mesh" in place else ("", path.suffix)
         message = f"no such {kind}file{nearest_file(path, suffix)}"
-        raise CaseError(message, file=source, key=_shown(key, raw), value=table[entry])
+        raise CaseError(message, file=source, key=shown_path(key, raw), value=table[entry])
     table[entry] = str(path.resolve())
 
 
@@ -218,7 +220,7 @@ def one_line(
         message = MESSAGES[first["type"]].format(**context)
     more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     source = _source(".".join(map(str, loc)), file, changed)
-    return CaseError(" ".join(f"{message}{more}".split()), file=source, key=_shown(loc, raw), value=value)
+    return CaseError(" ".join(f"{message}{more}".split()), file=source, key=shown_path(loc, raw), value=value)
 
 
 def _choices(value: Unchecked, choices: Sequence[str]) -> str:
@@ -232,17 +234,3 @@ def _source(key: str, file: Path | None, changed: Sequence[str]) -> Path | str |
     """Return where a value was given: on the command line or in the file."""
     related = (f"{c}.".startswith(f"{key}.") or key.startswith(f"{c}.") for c in changed)
     return "--set" if any(related) else file
-
-
-def _shown(loc: Sequence[object], raw: Mapping[str, object]) -> str:
-    """Return a path of keys with the names of list items where they have one."""
-    place: Any = raw
-    parts = []
-    for part in loc:
-        try:
-            place = place[part]
-        except (KeyError, IndexError, TypeError):
-            place = None
-        name = place.get("name") if isinstance(part, int) and isinstance(place, dict) else None
-        parts.append(str(name if isinstance(name, str) else part))
-    return ".".join(parts)

@@ -87,7 +87,6 @@ def draw_leaflets(
         window: First and last time, such as those of a cycle; the whole run if None [s].
     """
     from valvefsi.post.plots.free_edge import free_edges
-    from valvefsi.post.plots.valve_waveform import valve_end_views
 
     valve = valve_of(case)
     if not (Path(folder) / "paraview" / f"{valve.name}.pvd").is_file():
@@ -95,22 +94,35 @@ def draw_leaflets(
     run = read_leaflets(case, folder, window)
     if len(run.t) < 2:
         return []
-    radius = 0.5 * valve.diameter
+    edges: dict[str, Any] = {"t": run.t, "middles": run.middles(), "top": int(np.argmax(run.area))}
+    edges["pieces"] = np.stack([run.edges(k)[..., :2] for k in range(len(run.t))])
+    out, caption = Path(out), "free edges from downstream"
+    heading: dict[str, Any] = {"radius": 0.5 * valve.diameter, "title": case.title}
+    return [
+        draw_moments(run, case, moments(run.t, run.area), out / "leaflets.png"),
+        free_edges(out / "free_edges.png", edges, caption=caption, **heading),
+    ]
+
+
+def draw_moments(run: Leaflets, case: Case, frames: Indices, path: Path) -> Path:
+    """Draw end views of the leaflets at some frames.
+
+    Args:
+        run: The leaflets.
+        case: Their case.
+        frames: Numbers of the frames, ``(k,)``.
+        path: The picture.
+    """
+    from valvefsi.post.plots.valve_waveform import valve_end_views
+
     views = [
         {"xyz": np.concatenate([run.points[k], run.edges(k).reshape(-1, 3)]), "t": run.t[k]}
         | {"triangles": run.triangles, "owner": run.owner, "open_area": run.area[k]}
         | {"free_edges": len(run.points[k]) + np.arange(2 * len(run.edges(k))).reshape(-1, 2)}
-        for k in moments(run.t, run.area)
+        for k in frames
     ]
-    edges: dict[str, Any] = {"t": run.t, "middles": run.middles(), "top": int(np.argmax(run.area))}
-    edges["pieces"] = np.stack([run.edges(k)[..., :2] for k in range(len(run.t))])
-    out = Path(out)
-    heading: dict[str, Any] = {"radius": radius, "title": case.title}
     seen = "leaflets from downstream; what is dark is open"
-    return [
-        valve_end_views(out / "leaflets.png", views, caption=seen, **heading),
-        free_edges(out / "free_edges.png", edges, caption="free edges from downstream", **heading),
-    ]
+    return valve_end_views(path, views, radius=0.5 * valve_of(case).diameter, title=case.title, caption=seen)
 
 
 def moments(t: Array, area: Array, count: int = MOMENTS) -> Indices:

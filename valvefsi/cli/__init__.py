@@ -31,6 +31,7 @@ from valvefsi.cli.new import new
 from valvefsi.cli.numbers import numbers
 from valvefsi.cli.options import HELP
 from valvefsi.cli.plot import plot
+from valvefsi.cli.report import report
 from valvefsi.cli.run import case, run
 from valvefsi.cli.sample import sample
 from valvefsi.cli.sweep import sweep
@@ -68,6 +69,7 @@ app.command()(movie)
 app.command()(compare)
 app.command()(numbers)
 app.command()(target)
+app.command()(report)
 app.command()(doctor)
 app.command()(validate)
 app.command()(verify)

@@ -7,28 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from valvefsi.cli.tables import format_time, number, print_lines, print_table, terminal
-from valvefsi.units import MMHG
+from valvefsi.post.columns import column_label
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-COLUMNS = {
-    "dyn_per_cm2": ("dyn/cm^2", 1.0 / MMHG, "mmHg"),
-    "cm3_per_s": ("cm^3/s", 1.0, "ml/s"),
-    "erg_per_s": ("erg/s", 1e-4, "mW"),
-    "dyn_per_cm": ("dyn/cm", 1.0, "mN/m"),
-    "cm_per_s": ("cm/s", 1.0, "cm/s"),
-    "ml_s": ("ml/s", 1.0, "ml/s"),
-    "percent": ("%", 1.0, "%"),
-    "mmHg": ("mmHg", 1.0, "mmHg"),
-    "cm2": ("cm^2", 1.0, "cm^2"),
-    "cm3": ("cm^3", 1.0, "ml"),
-    "dyn": ("dyn", 1e-2, "mN"),
-    "erg": ("erg", 1e-4, "mJ"),
-    "cm": ("cm", 10.0, "mm"),
-    "s": ("s", 1.0, "s"),
-}
-"""How the name of a column of a history ends: its unit, and factor and unit that a lab uses."""
 NOTHING = 1e-9
 """Part of the largest number with the same unit below which one is round-off."""
 
@@ -62,10 +45,8 @@ def in_units(row: Mapping[str, float], units: str) -> list[tuple[str, str, str]]
     """Return quantity, value and unit of each column of a history, in the units of a lab or in CGS."""
     found = []
     for name, value in row.items():
-        end = ending(name)
-        unit, factor, lab = COLUMNS[end] if end else ("", 1.0, "")
-        words = (name.removesuffix(f"_{end}") if end else name).replace("_", " ")
-        found.append((words, factor * value if units == "lab" else value, lab if units == "lab" else unit))
+        words, unit, factor = column_label(name, units)
+        found.append((words, factor * value, unit))
     largest: dict[str, float] = {}
     for _, value, unit in found:
         largest[unit] = max(largest.get(unit, 0.0), abs(value))
@@ -106,4 +87,4 @@ def _next(result: Mapping[str, Any], folder: Path) -> list[str]:
         return []
     later = f"time.t_end='{2.0 * float(result['last'].get('t_s', 0.0)):.4g} s'"
     more = f"valvefsi run {folder / 'case.toml'} --out {folder} --resume --set {later}"
-    return ["next:", f"  valvefsi plot {folder}", f"  {more}"]
+    return ["next:", f"  valvefsi plot {folder}", f"  valvefsi report {folder}", f"  {more}"]

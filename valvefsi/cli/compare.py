@@ -11,7 +11,7 @@ import typer
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.labels import LABELS
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Out, Trust, read_seconds
+from valvefsi.cli.options import Out, Style, Trust, read_seconds
 from valvefsi.cli.tables import number, print_table
 from valvefsi.errors import CaseError
 from valvefsi.types import Scalar
@@ -43,6 +43,7 @@ class CompareCommand:
     ] = None
     out: Out = None
     trust: Trust = False
+    style: Style = "screen"
 
 
 @options_of(CompareCommand)
@@ -60,7 +61,9 @@ def compare(options: CompareCommand) -> None:
 
     if MPI.COMM_WORLD.rank != 0:
         return
-    from valvefsi.studies.comparison import compare_pair, write_comparison
+    from valvefsi.post.plots.paper import paper
+    from valvefsi.post.valve_comparison import compare_pair
+    from valvefsi.studies.comparison import write_comparison
 
     start, most = read_seconds(options.start, "start"), read_seconds(options.shift_max, "shift-max")
     period = None if options.period is None else read_seconds(options.period, "period")
@@ -73,9 +76,10 @@ def compare(options: CompareCommand) -> None:
     folder = options.out or (
         options.a if options.a.is_dir() else Path("results") / f"compare-{options.a.stem}"
     )
-    write_comparison(pair, result, folder)
+    with paper(options.style == "paper"):
+        picture = write_comparison(pair, result, folder)
     _show(console(), result)
-    typer.echo(f"results in {folder / 'comparison.json'} and {folder / 'comparison.png'}")
+    typer.echo(f"results in {folder / 'comparison.json'} and {picture}")
 
 
 def _read(path: Path, period: float | None, trust: bool) -> tuple[Case | None, Beat]:

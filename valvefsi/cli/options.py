@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -70,4 +70,10 @@ Trust = Annotated[
 Set = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Set a value, such as time.t_end='2 s'. Repeatable."),
+]
+Style = Annotated[
+    Literal["screen", "paper"],
+    typer.Option(
+        "--style", help="paper: vector PDF, 85 mm wide, and the numbers behind it as NAME_data.csv."
+    ),
 ]

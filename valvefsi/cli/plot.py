@@ -11,7 +11,7 @@ import typer
 
 from valvefsi.cli.movie import Cut, read_plane
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Out, Trust, plain, read_seconds
+from valvefsi.cli.options import Out, Style, Trust, plain, read_seconds
 from valvefsi.errors import CaseError
 
 
@@ -62,6 +62,7 @@ class PlotCommand:
     cut: Cut = None
     out: Out = None
     trust: Trust = False
+    style: Style = "screen"
 
 
 @options_of(PlotCommand)
@@ -70,49 +71,51 @@ def plot(options: PlotCommand) -> None:
 
     With --figure: runs side by side at the same instants, as a figure of the supplement of Lee et al. 2020.
     """
-    from mpi4py import MPI
+    from valvefsi.post.plots.paper import paper
 
-    folder, field, t = options.folder, options.field, options.t
-    out = options.out if options.out is not None else folder
-    if t is not None and not math.isfinite(t):
-        raise CaseError("expected a finite time", key="--time", value=t)
+    if options.t is not None and not math.isfinite(options.t):
+        raise CaseError("expected a finite time", key="--time", value=options.t)
     if options.more and options.figure is None:
         raise CaseError(
             "several folders go with --figure, such as --figure S6", key="DIR2", value=str(options.more[0])
         )
+    with paper(options.style == "paper"):
+        made = _drawn(options)
+    for path in made:
+        typer.echo(str(path))
+
+
+def _drawn(options: PlotCommand) -> list[Path]:
+    """Draw what is asked for; return the pictures."""
+    from mpi4py import MPI
+
+    folder, field, t, out = options.folder, options.field, options.t, options.out
     if options.fibres:
-        _draw_fibres(folder, options.out if options.out is not None else Path(), options.trust)
-        return
+        return _draw_fibres(folder, out if out is not None else Path(), options.trust)
     if MPI.COMM_WORLD.rank != 0:
-        return
+        return []
     if options.figure is not None:
         from valvefsi.studies.figures import draw_figure
 
         paths, start = [folder, *(options.more or [])], read_seconds(options.start, "start")
-        picture = draw_figure(options.figure, paths, options.out, start=start, trust=options.trust)
-        typer.echo(str(picture))
-        return
+        return [draw_figure(options.figure, paths, out, start=start, trust=options.trust)]
+    where = out if out is not None else folder
     if options.cut is not None or _is_of_fluid(folder, field):
         from valvefsi.post.movies import draw_plane
 
-        plane = read_plane(options.cut)
-        typer.echo(str(draw_plane(folder, out, plane=plane, field=field or "speed", t=t)))
-        return
-    _draw_solids(options, out)
+        return [draw_plane(folder, where, plane=read_plane(options.cut), field=field or "speed", t=t)]
+    made = _draw_solids(folder, where, field, t)
+    return made + (_draw_valve(folder, where, options.trust) if field is None and t is None else [])
 
 
-def _draw_solids(options: PlotCommand, out: Path) -> None:
-    """Draw the solids, and the pictures of a valve where nothing else is asked for."""
+def _draw_solids(folder: Path, out: Path, field: str | None, t: float | None) -> list[Path]:
+    """Draw the solids of a folder of results, and say where that is plainer than it could be."""
     from valvefsi.post.plots.solid import can_render, draw_bodies
 
-    bodies = draw_bodies(options.folder, out, field=options.field, t=options.t)
-    made = [path for path, _ in bodies]
-    if options.field is None and options.t is None:
-        made = [*made, *_draw_valve(options.folder, out, options.trust)]
+    bodies = draw_bodies(folder, out, field=field, t=t)
     if any(body.dim == 3 for _, body in bodies) and not can_render():
         typer.echo("pyvista or EGL is missing: bodies in space are drawn by matplotlib")
-    for path in made:
-        typer.echo(str(path))
+    return [path for path, _ in bodies]
 
 
 def _is_of_fluid(folder: Path, field: str | None) -> bool:
@@ -142,10 +145,9 @@ def _draw_valve(folder: Path, out: Path, trust: bool) -> list[Path]:
         return []
 
 
-def _draw_fibres(case_file: Path, out: Path, trust: bool) -> None:
+def _draw_fibres(case_file: Path, out: Path, trust: bool) -> list[Path]:
     """Draw the fibre fields of a case file."""
     from valvefsi.case import load_case
     from valvefsi.case.fibre_pictures import draw_fibres
 
-    for path in draw_fibres(load_case(case_file, trust=trust), out):
-        typer.echo(str(path))
+    return list(draw_fibres(load_case(case_file, trust=trust), out))

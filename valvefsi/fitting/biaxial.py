@@ -19,8 +19,8 @@ from valvefsi.fitting.biaxial_records import BiaxialData, Reading, read_biaxial
 from valvefsi.fitting.least_squares import Fit, Notify, fit
 from valvefsi.fitting.planar_hgo import HGO
 from valvefsi.fitting.planar_stability import Stability, stability
-from valvefsi.fitting.report import Report, assess, measures, number, sha256, toml
-from valvefsi.io.folder import write_text
+from valvefsi.fitting.report import Report, assess, measures, number, toml
+from valvefsi.io.folder import sha256, write_text
 from valvefsi.types import Array
 
 MODELS = ("hgo", "lee_sacks", "fung", "may_newman_yin", "neo_hookean", "mooney_rivlin")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
 import json
 import platform
@@ -19,7 +18,7 @@ from valvefsi.fitting import uncertainty
 from valvefsi.fitting.least_squares import Fit, Notify
 from valvefsi.fitting.profiles import Profile, profiles
 from valvefsi.fitting.uncertainty import ALIKE, Bootstrap, HeldOut, Linear
-from valvefsi.io.folder import write_text
+from valvefsi.io.folder import sha256, write_text
 from valvefsi.types import Array
 
 PACKAGES = ("numpy", "scipy")
@@ -311,11 +310,6 @@ def provenance(files: Sequence[Path]) -> dict[str, Any]:
     versions = {"valvefsi": valvefsi.__version__, "python": platform.python_version()}
     versions |= {name: importlib.metadata.version(name) for name in PACKAGES}
     return {"data": [{"file": path.name, "sha256": sha256(path)} for path in files], "versions": versions}
-
-
-def sha256(path: Path) -> str:
-    """Return the hash of a file."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 def number(value: float | None) -> str:

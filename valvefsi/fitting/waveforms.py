@@ -18,8 +18,7 @@ import numpy as np
 
 from valvefsi.errors import CaseError
 from valvefsi.fitting.record_table import Table, is_statistic, read_table
-from valvefsi.fitting.report import sha256
-from valvefsi.io.folder import write_text
+from valvefsi.io.folder import sha256, write_text
 from valvefsi.types import Array, Indices
 from valvefsi.units import KILOPASCAL, LITRE_PER_MINUTE, MILLILITRE, MMHG, PASCAL, PLAUSIBLE
 

@@ -25,6 +25,8 @@ from valvefsi.verification.norms import normalised_difference, time_norm
 PERIODS_APART = 0.01
 """Part by which the two periods may differ."""
 FLOW, FLOW_LESS_OFFSET, AREA = "q_ao", "q_ao_without_offset", "pdva"
+Comparison = dict[str, Any]
+"""A comparison as ``comparison.json`` holds it."""
 NUMBERS = (
     "peak_flow_ml_per_s",
     "forward_volume_ml",
@@ -156,7 +158,20 @@ class Pair:
         return float(min((float(fine.x), float(tried[k])), key=apart))
 
 
-def compare_beats(pair: Pair, shift: float, shift_max: float) -> dict[str, Any]:
+def compare_pair(a: Beat, b: Beat, *, start: float = 0.0, shift_max: float) -> tuple[Pair, Comparison]:
+    """Return two beats on one clock, and their comparison with and without the best common shift.
+
+    Args:
+        a: The first.
+        b: The second, the reference.
+        start: Time in the cycle of B at which that of A begins [s].
+        shift_max: Largest shift of A that is looked for [s].
+    """
+    pair = Pair(a=a, b=b, start=start)
+    return pair, compare_beats(pair, pair.common_shift(shift_max), shift_max)
+
+
+def compare_beats(pair: Pair, shift: float, shift_max: float) -> Comparison:
     """Return the comparison of two beats as ``comparison.json`` holds it.
 
     Args:

@@ -11,8 +11,8 @@ from typing import Any
 from valvefsi.case.study_tables import Targets
 from valvefsi.fitting.report import number, write_json
 from valvefsi.io.folder import write_text
-from valvefsi.post.valve_beat import QUANTITIES, Beat
-from valvefsi.post.valve_comparison import Pair, compare_beats
+from valvefsi.post.valve_beat import QUANTITIES
+from valvefsi.post.valve_comparison import Comparison, Pair
 from valvefsi.types import Scalar
 
 KINDS = ("l2_percent", "linf_percent", "nrmse_percent")
@@ -31,26 +31,12 @@ COLUMNS = (
     "repeats_B_percent",
 )
 """Columns of the tables of norms, all of A less B over B."""
-Comparison = dict[str, Any]
 MUST_BEAT = ("p_lv", "q_ao")
 """Waveforms in which a valve in three dimensions must be nearer to the record than an orifice is."""
 
 
-def compare_pair(a: Beat, b: Beat, *, start: float = 0.0, shift_max: float) -> tuple[Pair, Comparison]:
-    """Return two beats on one clock, and their comparison with and without the best common shift.
-
-    Args:
-        a: The first.
-        b: The second, the reference.
-        start: Time in the cycle of B at which that of A begins [s].
-        shift_max: Largest shift of A that is looked for [s].
-    """
-    pair = Pair(a=a, b=b, start=start)
-    return pair, compare_beats(pair, pair.common_shift(shift_max), shift_max)
-
-
-def write_comparison(pair: Pair, result: Comparison, folder: Path) -> None:
-    """Write ``comparison.json`` and ``comparison.png``."""
+def write_comparison(pair: Pair, result: Comparison, folder: Path) -> Path:
+    """Write ``comparison.json`` and ``comparison.png``; return the second."""
     from valvefsi.post.plots.valve_comparison import Overlay, valve_comparison
 
     write_json(folder / "comparison.json", result)
@@ -67,7 +53,8 @@ def write_comparison(pair: Pair, result: Comparison, folder: Path) -> None:
     names["shifted"] = f"difference with {names['a']} moved by {1e3 * shift:+.2f} ms"
     title = f"{names['a']} and {names['b']}"
     caption = f"one cycle of {pair.b.period:.4g} s; the lower panels show {names['a']} less {names['b']}"
-    valve_comparison(folder / "comparison.png", pair.t, overlays, names, title=title, caption=caption)
+    path = folder / "comparison.png"
+    return valve_comparison(path, pair.t, overlays, names, title=title, caption=caption)
 
 
 def _called(result: Comparison, side: str) -> str:

@@ -15,7 +15,8 @@ from typing import Any
 
 import valvefsi
 from valvefsi.errors import CaseError
-from valvefsi.fitting.report import sha256, write_json
+from valvefsi.fitting.report import write_json
+from valvefsi.io.folder import sha256
 from valvefsi.types import Unchecked
 
 RECORD = "stage.json"

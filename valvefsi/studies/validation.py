@@ -19,14 +19,12 @@ from valvefsi.case.valve_runs import read_run
 from valvefsi.fitting.report import write_json
 from valvefsi.fitting.waveforms import read_waveforms
 from valvefsi.post.valve_beat import Beat
-from valvefsi.post.valve_comparison import DEFINITIONS
+from valvefsi.post.valve_comparison import DEFINITIONS, Comparison, compare_pair
 from valvefsi.studies.beats import RunPart, launch, orifice_to_periodic, run_to_periodic
 from valvefsi.studies.bench_start import NEEDED
 from valvefsi.studies.comparison import (
-    Comparison,
     advice,
     checks_of,
-    compare_pair,
     norm_rows,
     write_comparison,
     write_tables,

@@ -16,6 +16,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
 from valvefsi.io.folder import replacing
+from valvefsi.post.plots.paper import for_paper, save_for_paper
 from valvefsi.types import Array
 
 if TYPE_CHECKING:
@@ -338,9 +339,11 @@ def headings(figure: Figure, title: str, caption: str) -> None:
 
 
 def saved(figure: Figure, path: Path) -> Path:
-    """Write a figure, its folder too, and return where it is."""
+    """Write a figure, its folder too, and return where it is; for papers see `valvefsi.post.plots.paper`."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
+    if for_paper():
+        return save_for_paper(figure, path)
     with replacing(path) as temporary:
         figure.savefig(temporary)
     return path

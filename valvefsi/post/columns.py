@@ -1,0 +1,36 @@
+"""What the columns of a history are called and measured in, read off their names."""
+
+from __future__ import annotations
+
+from valvefsi.units import MMHG
+
+COLUMNS = {
+    "dyn_per_cm2": ("dyn/cm^2", 1.0 / MMHG, "mmHg"),
+    "cm3_per_s": ("cm^3/s", 1.0, "ml/s"),
+    "erg_per_s": ("erg/s", 1e-4, "mW"),
+    "dyn_per_cm": ("dyn/cm", 1.0, "mN/m"),
+    "cm_per_s": ("cm/s", 1.0, "cm/s"),
+    "ml_s": ("ml/s", 1.0, "ml/s"),
+    "percent": ("%", 1.0, "%"),
+    "mmHg": ("mmHg", 1.0, "mmHg"),
+    "cm2": ("cm^2", 1.0, "cm^2"),
+    "cm3": ("cm^3", 1.0, "ml"),
+    "dyn": ("dyn", 1e-2, "mN"),
+    "erg": ("erg", 1e-4, "mJ"),
+    "cm": ("cm", 10.0, "mm"),
+    "s": ("s", 1.0, "s"),
+}
+"""How the name of a column of a history ends: its unit, and factor and unit that a lab uses."""
+
+
+def column_label(name: str, units: str = "lab") -> tuple[str, str, float]:
+    """Return a column's name in words, its unit, and the factor from its values to that unit.
+
+    Args:
+        name: The column, whose end names its unit.
+        units: "lab" or "cgs".
+    """
+    end = next((e for e in COLUMNS if name.endswith(f"_{e}")), None)
+    unit, factor, lab = COLUMNS[end] if end else ("", 1.0, "")
+    words = (name.removesuffix(f"_{end}") if end else name).replace("_", " ")
+    return (words, lab, factor) if units == "lab" else (words, unit, 1.0)

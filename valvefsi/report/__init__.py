@@ -1,0 +1,1 @@
+"""The page that says what was run and how far to trust it: one HTML file that needs nothing else."""
