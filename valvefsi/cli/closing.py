@@ -53,11 +53,6 @@ def in_units(row: Mapping[str, float], units: str) -> list[tuple[str, str, str]]
     return [(n, number(0.0 if abs(v) < NOTHING * largest[unit] else v), unit) for n, v, unit in found]
 
 
-def ending(name: str) -> str | None:
-    """Return the end of a column's name that says its unit, a key of `COLUMNS`; None of a pure number."""
-    return next((end for end in COLUMNS if name.endswith(f"_{end}")), None)
-
-
 def _judged(name: str, found: Mapping[str, Any]) -> tuple[str, str, str, str]:
     """Return the cells of a number of a valve, with what is plausible where it is not."""
     verdict = "" if found["plausible"] else f"plausible are {found['from']:g} to {found['to']:g}"

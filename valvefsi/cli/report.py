@@ -8,9 +8,8 @@ from typing import Annotated
 
 import typer
 
-from valvefsi.cli.compare import read_time
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Trust, not_a_folder
+from valvefsi.cli.options import Trust, not_a_folder, read_seconds
 from valvefsi.errors import CaseError
 
 
@@ -66,12 +65,12 @@ def report(options: ReportCommand) -> None:
     check_libraries()
     from valvefsi.report.folders import Options, report
 
-    period = None if options.period is None else read_time(options.period, "period")
+    period = None if options.period is None else read_seconds(options.period, "period")
     if period == 0.0:
         raise CaseError("expected a positive time", key="period", value=options.period)
     how = Options(
-        start=read_time(options.start, "start"),
-        shift_max=read_time(options.shift_max, "shift-max"),
+        start=read_seconds(options.start, "start"),
+        shift_max=read_seconds(options.shift_max, "shift-max"),
         period=period,
         trust=options.trust,
     )

@@ -23,6 +23,11 @@ COLUMNS = {
 """How the name of a column of a history ends: its unit, and factor and unit that a lab uses."""
 
 
+def ending(name: str) -> str | None:
+    """Return the end of a column's name that says its unit, a key of `COLUMNS`; None of a pure number."""
+    return next((end for end in COLUMNS if name.endswith(f"_{end}")), None)
+
+
 def column_label(name: str, units: str = "lab") -> tuple[str, str, float]:
     """Return a column's name in words, its unit, and the factor from its values to that unit.
 
@@ -30,7 +35,7 @@ def column_label(name: str, units: str = "lab") -> tuple[str, str, float]:
         name: The column, whose end names its unit.
         units: "lab" or "cgs".
     """
-    end = next((e for e in COLUMNS if name.endswith(f"_{e}")), None)
+    end = ending(name)
     unit, factor, lab = COLUMNS[end] if end else ("", 1.0, "")
     words = (name.removesuffix(f"_{end}") if end else name).replace("_", " ")
     return (words, lab, factor) if units == "lab" else (words, unit, 1.0)

@@ -12,10 +12,10 @@ import numpy as np
 
 from valvefsi.case.overrides import nearest
 from valvefsi.case.reading import nearest_file
-from valvefsi.cli.closing import COLUMNS, ending
 from valvefsi.errors import CaseError, SurroundingsError
 from valvefsi.io.grid_files import nearest_time
 from valvefsi.io.history import read_history
+from valvefsi.post.columns import COLUMNS, ending
 from valvefsi.post.plots.base import Series, ShownFigure, history_figure
 from valvefsi.run.pictures import usual_panels
 
