@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from valvefsi.benchmarks.options import defaults, read_parameters, read_quantities
+from valvefsi.benchmarks.options import defaults, quantities, read_parameters, read_quantities
 from valvefsi.errors import CaseError
 
 PARAMETERS = {"c1": (250.0, "dyn/cm^2"), "t_end": (2.0, "s"), "scheme": ("centred", ("centred", "upwind"))}
@@ -49,3 +49,18 @@ def test_quantities_may_have_any_sign():
         "t_end": 0.0,
         "scheme": "centred",
     }
+
+
+def test_parameters_are_written_as_on_the_command_line():
+    text = """t_end = 2 s, c1 = 1.21e4 dyn/cm^2,
+    inflow = 5 1/(cm*s), nu = 1/3, ratio = 0.0212"""
+    words = ("centred", ("centred", "upwind"))
+    parameters = quantities(text, scheme=words)
+    assert list(parameters) == ["t_end", "c1", "inflow", "nu", "ratio", "scheme"]
+    assert parameters["t_end"] == (2.0, "s")
+    assert parameters["c1"] == (12100.0, "dyn/cm^2")
+    assert parameters["inflow"] == (5.0, "1/(cm*s)")
+    assert parameters["nu"] == (1 / 3, "1")
+    assert parameters["ratio"] == (0.0212, "1"), "to the last digit, as Python reads it"
+    assert parameters["scheme"] == words
+    assert read_parameters(parameters, ["inflow=1 1/(m*s)"])["inflow"] == 0.01

@@ -102,7 +102,7 @@ def _check_words(words: Sequence[str | int], choices: Sequence[str], flag: str) 
 
 def quantities(text: str, **more: tuple[float, str] | tuple[str, Sequence[str]]) -> Parameters:
     """Return parameters from a text such as ``t_end = 2 s, nu = 1/3``, pure numbers without a unit; then ``more``."""
-    pairs = (part.split("=") for part in text.replace("\n", ",").split(",") if part.strip())
+    pairs = (part.split("=") for part in text.split(",") if part.strip())
     texts = {key.strip(): value.strip().partition(" ") for key, value in pairs}
     return {key: (float(Fraction(number)), unit or "1") for key, (number, _, unit) in texts.items()} | more
 

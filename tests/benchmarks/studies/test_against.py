@@ -98,10 +98,12 @@ def test_what_cannot_be_compared_is_one_clear_line(commit, tmp_path):
     with pytest.raises(CaseError, match="not run from a git repository"):
         Against(rev="HEAD", turns=2, root=tmp_path.resolve()).compare(CASE)
     old, broken = commit(TOO_OLD), commit(FAILING.format(message="error: block.toml: no such file"))
+    bare = commit(FAILING.format(message="No module named 'valvefsi.cli'"))
     here = commit(command(tmp_path, "here", 1.0))
     for rev, text in [
         ("v99", "--against = 'v99': the repository has no such commit"),
         (old, f"'{old}': the commit is too old to time these steps: No such option: --case"),
+        (bare, "the commit is too old to time these steps: No module named 'valvefsi.cli'"),
         (broken, "the steps of that commit fail: error: block.toml: no such file"),
     ]:
         with pytest.raises(CaseError) as caught:
