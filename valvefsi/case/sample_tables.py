@@ -105,7 +105,7 @@ class Design(Table):
 
     method: Literal["sobol", "latin-hypercube"] = Field(
         "latin-hypercube",
-        description="sobol: Saltelli's design, size times (inputs + 2) runs, indices from the runs themselves; "
+        description="sobol: Saltelli's design, size times (groups + 2) runs, indices from the runs themselves; "
         "latin-hypercube: size runs and a polynomial chaos, whose leave-one-out error is said",
     )
     size: int = Field(64, ge=4, le=2**20, description="See method; a power of two for sobol")
