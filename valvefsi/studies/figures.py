@@ -146,7 +146,7 @@ def _apart(beats: Sequence[Beat], records: Sequence[Beat]) -> str:
         t = b.grid
         both = [name for name in QUANTITIES if name in a.values and name in b.values]
         norms = [100 * normalised_difference(t, a.at(name, t), b.at(name, t)) for name in both]
-        said = ", ".join(f"{SYMBOLS[name]} {norm:.2g} %" for name, norm in zip(both, norms, strict=True))
+        said = ", ".join(f"{SYMBOLS[name]} {norm:.3g} %" for name, norm in zip(both, norms, strict=True))
         told.append(f"{a.name} less {b.name} in L2: {said}")
     return "\n".join(told)
 
@@ -284,7 +284,7 @@ def _averages_apart(figure: Figure, grids: Mapping[str, GridFields]) -> list[str
     told = []
     for (a, coarse), (b, fine) in pairwise(grids.items()):
         l2, peak = field_difference(coarse, fine, figure.field)
-        told.append(f"{a} less {b}: {100 * l2:.2g} % in L2, peak {100 * peak:+.2g} %")
+        told.append(f"{a} less {b}: {100 * l2:.3g} % in L2, peak {100 * peak:+.3g} %")
     return told
 
 
