@@ -63,11 +63,10 @@ def test_what_was_chosen_is_in_case_plan_and_summary(write, shared_tmp):
 def test_a_run_goes_on_with_its_target_and_another_one_must_be_allowed(write, shared_tmp):
     longer = {"out": shared_tmp / "out", "resume": True}
     run_case(write(), out=shared_tmp / "out")
-    more = "time.t_end='0.12 s'"
-    assert run_case(write(more), **longer)["last"]["t_s"] == pytest.approx(0.12)
-    own = load_case(shared_tmp / "out" / "case.toml", ["time.t_end='0.14 s'"])
-    assert run_case(own, **longer)["last"]["t_s"] == pytest.approx(0.14), "from the folder's own case"
-    another = ("target.cardiac_output='0.5 l/min'", "time.t_end='0.16 s'")
+    assert run_case(write("target.beats=2"), **longer)["last"]["t_s"] == pytest.approx(0.2)
+    own = load_case(shared_tmp / "out" / "case.toml", ["time.t_end='0.22 s'"])
+    assert run_case(own, **longer)["last"]["t_s"] == pytest.approx(0.22), "from the folder's own case"
+    another = ("target.cardiac_output='0.5 l/min'", "time.t_end='0.24 s'")
     with pytest.raises(
         CaseError, match=r"circuit\.outlet\.start\.p_wk: the checkpoint is of a run where this was"
     ):
