@@ -29,9 +29,14 @@ t_end = 1
 name = "block"
 include = "block.toml"
 nu_stab = 0.3
-mesh = { shape = "rectangle", lower = [1, 0.2], size = [0.5, 0.5], elements = [2, 2], cell = "quadrilateral" }
+mesh = { shape = "rectangle", lower = [1, 0.2], size = [0.5, 0.5], elements = [2, 2] }
 """
-BLOCK = 'nu_stab = 0.1\nkernel = "ib4"\nmaterial = { include = "stuff.toml", c1 = 7.0 }\n'
+BLOCK = """
+nu_stab = 0.1
+kernel = "ib4"
+material = { include = "stuff.toml", c1 = 7.0 }
+mesh = { file = "none.msh", cell = "triangle" }
+"""
 STUFF = 'model = "neo_hookean"\nc1 = 5.0\n'
 
 
@@ -65,6 +70,7 @@ def test_each_value_knows_the_file_the_command_line_or_the_default_it_is_from(fi
         "solid.block.material.c1",
         "solid.block.mesh.elements",
         "solid.block.mesh.size",
+        "solid.block.mesh.cell",
         "output.frames",
     )} == {
         "title": "case.toml",
@@ -81,6 +87,7 @@ def test_each_value_knows_the_file_the_command_line_or_the_default_it_is_from(fi
         "solid.block.material.c1": "block.toml",
         "solid.block.mesh.elements": "--set",
         "solid.block.mesh.size": "case.toml",
+        "solid.block.mesh.cell": "default",
         "output.frames": "default",
     }  # fmt: skip
     viscosity = found["fluid.viscosity"]

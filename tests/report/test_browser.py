@@ -84,11 +84,13 @@ def move(browser, frame):
     browser.value(f"{SLIDER}.value = {frame}; {SLIDER}.dispatchEvent(new Event('input'))")
 
 
-def test_a_scene_is_drawn_when_it_comes_into_view_and_its_slider_moves_the_bodies(browser, page):
+def test_nothing_is_drawn_before_it_comes_into_view(browser, page):
     browser.open(page, height=200)
-    assert browser.value("typeof window.Plotly") == "undefined", (
-        "the library waits until something is in view"
-    )
+    assert browser.value("typeof window.Plotly") == "undefined"
+    assert browser.value(DRAWN) == 0
+
+
+def test_a_scene_is_drawn_and_its_slider_moves_the_bodies(browser, page):
     drawn(browser, page)
     first = seen(browser, ".panels .view")
     assert len(np.unique(first.reshape(-1, 3), axis=0)) > 100, "the picture is not blank"

@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from tests.case.test_valve_runs import run_folder
 from tests.cli.test_cli import RUNNER
@@ -25,6 +26,8 @@ from tests.report.folders import (
 from tests.valve_waves import PERIOD
 from valvefsi import cli
 from valvefsi.errors import CaseError, SurroundingsError
+from valvefsi.io.paraview import FluidSeries
+from valvefsi.io.solid_body import Body, write_body
 from valvefsi.post.valve_numbers import CycleNumbers
 from valvefsi.report import scenes, writing
 from valvefsi.report.blocks import Note, Page, Part, Section, Table, packed
@@ -345,6 +348,28 @@ def test_a_scene_holds_the_bodies_at_every_frame_and_the_flow_in_a_plane(run):
     assert speed.shape == (FRAMES, 6, 4), "frames, up, across"
     assert speed[1, 2] == pytest.approx(1.0 + np.arange(4) + 20.0, abs=0.01)
     assert plane["starts"][-1] > 0, "the plane cuts the leaflets"
+
+
+def test_in_a_plane_a_scene_is_the_speed_with_the_outlines_of_the_solids(tmp_path):
+    points = np.array([[x, y, 0.0] for y in (0.2, 0.6) for x in (0.2, 0.5, 0.8)])
+    cells = {9: np.array([[0, 1, 4, 3], [1, 2, 5, 4]])}
+    write_body(tmp_path / "paraview" / "block" / "block_000000.vtu", Body(points=points, cells=cells))
+    item = '<DataSet timestep="0.0" file="block/block_000000.vtu"/>'
+    (tmp_path / "paraview" / "block.pvd").write_text(f"<VTKFile><Collection>{item}</Collection></VTKFile>")
+    shape = (4, 3, 1)
+    box = ((0.0, 0.0, 0.0), (0.25, 1.0 / 3.0, 1.0))
+    fluid = FluidSeries(tmp_path / "paraview", "fluid", MPI.COMM_SELF, shape, (0, 0, 0), shape, box)
+    velocity = np.zeros((*shape, 3))
+    velocity[..., 0], velocity[..., 1] = 3.0, 4.0 * np.arange(3)[None, :, None]
+    fluid.write(0.0, velocity, np.zeros(shape))
+    found = scenes.frames_of(open_run(tmp_path))
+    (plane,) = found.panels
+    assert (plane["name"], plane["axes"]) == ("speed", ["x", "y"])
+    assert unpacked(plane["values"])[0, :, 0] == pytest.approx([3.0, 5.0, np.hypot(3.0, 8.0)], abs=1e-3)
+    pieces = unpacked(plane["cuts"])[: plane["starts"][-1]].reshape(-1, 2, 2)
+    assert len(pieces) == 6, "the edge between the two cells is inside"
+    length = np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1).sum()
+    assert length == pytest.approx(2 * (0.6 + 0.4), abs=1e-3)
 
 
 def test_a_scene_is_thinned_to_its_budget_and_to_a_window(run, monkeypatch):

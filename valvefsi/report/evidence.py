@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -71,8 +72,8 @@ def _volume(run: Run) -> list[Block]:
     """Return how far the solids keep their volume, over the whole run."""
     rows: list[tuple[Cell, ...]] = []
     for column, values in run.history.items():
-        if column.endswith("_volume_change_percent") and len(values):
-            name = column.removesuffix("_volume_change_percent")
+        name = re.sub("_(volume|area)_change_percent$", "", column)
+        if name != column and len(values):
             least, most = (run.history.get(f"{name}_J_{end}") for end in ("min", "max"))
             change = float(values[np.abs(values).argmax()])
             ends = (
@@ -82,7 +83,7 @@ def _volume(run: Run) -> list[Block]:
             rows.append((name, change, *ends))
     if not rows:
         return []
-    headings = ("solid", "largest change of volume [%]", "smallest J", "largest J")
+    headings = ("solid", "largest change of volume (area in a plane) [%]", "smallest J", "largest J")
     return [
         Table(
             caption="Volume of the solids over the run (1 is kept, J = det F)", headings=headings, rows=rows
