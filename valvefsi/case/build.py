@@ -20,7 +20,7 @@ from valvefsi.case.materials import make_material, say_provenance
 from valvefsi.case.meshes import solid_mesh
 from valvefsi.case.models import Case, Solid
 from valvefsi.case.reading import load_case
-from valvefsi.case.resuming import clear, provenance_of, run_folder
+from valvefsi.case.resuming import check_start, clear, provenance_of, run_folder
 from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
 from valvefsi.case.valve import build_rigid, check_leaflets, find_orifice
 from valvefsi.case.valve_report import report_valve
@@ -132,6 +132,7 @@ def write_case(case: Case, out: Path, comm: MPI.Comm, changes: Changes = ()) -> 
 
 def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, out: Path = Path()) -> dict[str, object]:
     """Return the plan of a case that would run in a folder, see `valvefsi.run.planning`. Collective."""
+    check_start(case)
     return {"plan": [*plan(build(case, out, comm)), *cell_reynolds_number(case)]}
 
 
