@@ -79,6 +79,8 @@ def picture_faults(monkeypatch, request):
 
     def saving(figure, place, *args, **options):
         save(figure, place, *args, **options)
+        if "dpi" in options or not str(place).endswith(".png"):  # it was drawn in other pixels
+            figure.draw_without_rendering()
         found.extend(f"{getattr(place, 'name', place)}: {fault}" for fault in faults(figure))
         if kept and isinstance(place, Path):
             name = re.sub(r"[^\w.-]+", "_", f"{request.node.name}.{place.name.lstrip('.')}")

@@ -96,7 +96,7 @@ def _inside(box, xy):
 
 def _texts(figure):
     """All texts that are drawn."""
-    found = [*figure.texts, *([figure._suptitle] if figure._suptitle else [])]
+    found = list(figure.texts)
     for axes in _shown(figure):
         if axes.axison and axes.name != "3d":
             axles = (axes.xaxis, axes.yaxis)
@@ -118,7 +118,7 @@ def _labels(tick):
 
 def _headings(figure):
     """Texts of the figure, titles and labels of its axes."""
-    found = [*figure.texts, *([figure._suptitle] if figure._suptitle else [])]
+    found = list(figure.texts)
     for axes in _shown(figure):
         found += [axes.title, axes._left_title, axes._right_title]
         if axes.axison and axes.name != "3d":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from valvefsi.benchmarks.options import defaults, read_parameters, read_quantities
+from valvefsi.benchmarks.registry import ENTRIES
 from valvefsi.errors import CaseError
 
 PARAMETERS = {"c1": (250.0, "dyn/cm^2"), "t_end": (2.0, "s"), "scheme": ("centred", ("centred", "upwind"))}
@@ -49,3 +50,26 @@ def test_quantities_may_have_any_sign():
         "t_end": 0.0,
         "scheme": "centred",
     }
+
+
+TIMED = (
+    "cavity",
+    "taylor-green",
+    "cylinder",
+    "cylinder-fitted",
+    "tube",
+    "leakage",
+    "compression",
+    "torsion",
+    "cook",
+)
+TIMED += ("shell", "disk-in-cavity", "valve-2d", "turek-fsi")
+
+
+@pytest.mark.parametrize("name", TIMED)
+def test_every_run_in_time_is_shortened_in_the_same_way(name):
+    kind = next(entry for entry in ENTRIES if entry.name == name).load()
+    assert kind(overrides=["t_end=2 s"]).values["t_end"] == 2.0
+    if name in ("disk-in-cavity", "valve-2d", "turek-fsi"):
+        assert kind(t_end=0.5).values["t_end"] == 0.5
+        assert kind().values["t_end"] == kind.parameters["t_end"][0]

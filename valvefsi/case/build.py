@@ -19,6 +19,7 @@ from valvefsi.case.fibres import add_fibres
 from valvefsi.case.materials import make_material, say_provenance
 from valvefsi.case.meshes import solid_mesh
 from valvefsi.case.models import Case, Solid
+from valvefsi.case.plan_warnings import plan_warnings
 from valvefsi.case.reading import load_case
 from valvefsi.case.resuming import check_start, clear, provenance_of, run_folder
 from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
@@ -133,7 +134,7 @@ def write_case(case: Case, out: Path, comm: MPI.Comm, changes: Changes = ()) -> 
 def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, out: Path = Path()) -> dict[str, object]:
     """Return the plan of a case that would run in a folder, see `valvefsi.run.planning`. Collective."""
     check_start(case)
-    return {"plan": [*plan(build(case, out, comm)), *cell_reynolds_number(case)]}
+    return {"plan": [*plan(build(case, out, comm)), *cell_reynolds_number(case), *plan_warnings(case)]}
 
 
 def cell_reynolds_number(case: Case) -> list[Entry]:

@@ -40,7 +40,7 @@ from valvefsi.types import Faces
 
 PARAMETERS: Parameters = {
     "reynolds": (100.0, "1"),
-    "t_end": (100.0, "1"),
+    "t_end": (100.0, "s"),  # in units of D / U, which are 1 cm and 1 cm/s
     "cfl": (0.2, "1"),
     "width": (60.0, "1"),
     "draw_in": (1.0, "1"),

@@ -23,7 +23,7 @@ from valvefsi.types import Indices
 
 PARAMETERS = {
     "reynolds": (100.0, "1"),
-    "t_end": (90.0, "1"),
+    "t_end": (90.0, "s"),  # in units of D / U, which are 1 cm and 1 cm/s
     "width": (60.0, "1"),
     "courant": (0.16, "1"),
 }

@@ -31,7 +31,7 @@ from valvefsi.verification.norms import normalised_difference
 
 PARAMETERS: Parameters = {
     "reynolds": (1600.0, "1"),
-    "t_end": (12.0, "1"),
+    "t_end": (12.0, "s"),  # in units of L / V, which are 1 cm and 1 cm/s
     "cfl": (0.2, "1"),
     "advection": ("xsppm7", tuple(SCHEMES)),
 }

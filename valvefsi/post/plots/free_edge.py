@@ -53,6 +53,9 @@ def free_edges(
             (np.arange(top + 1), np.arange(top, len(t))),
             strict=True,
         ):
+            if part[0] > 0 and len(part) == 1:  # it was still opening at the end
+                axes.set_visible(False)
+                continue
             _end_on(figure, axes, edges, _chosen(edges, part), radius)
             axes.set_title(name, fontsize=10.5)
         below = figure.add_axes((0.12, 0.08, 0.84, 0.25))
