@@ -26,14 +26,16 @@ from valvefsi.errors import CaseError
 from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import CORNERS, Body, outer_faces, read_body
 from valvefsi.post.plots.base import DILATION, INK, STYLE, headings, saved, tick_texts, typeset
-from valvefsi.units import KILOPASCAL
+from valvefsi.units import KILOPASCAL, PASCAL
 
 if TYPE_CHECKING:
     from valvefsi.types import Array, Indices
 
 HEAT = mpl.colormaps["viridis"]
 CGS = "[dyn/cm^2]"
-"""Unit of stresses in files; pictures have kPa."""
+"""Unit of stresses in files; pictures have kPa, or Pa below `SMALL`."""
+SMALL = 1e3
+"""Largest stress that is shown in Pa [dyn/cm^2]."""
 
 
 def can_render() -> bool:
@@ -69,7 +71,8 @@ def deformed(path: Path, body: Body, *, title: str = "", caption: str = "") -> P
     """
     name, values = body.scalar()
     if name.endswith(CGS):
-        name, values = name.replace(CGS, "[kPa]"), values / KILOPASCAL
+        unit, size = ("kPa", KILOPASCAL) if np.abs(values).max(initial=0.0) > SMALL else ("Pa", PASCAL)
+        name, values = name.replace(CGS, f"[{unit}]"), values / size
     scale = _scale(name, values)
     with mpl.rc_context(STYLE):
         if body.dim == 2:
@@ -295,7 +298,7 @@ def _plain_space(body: Body, values: Array, scale: ScalarMappable) -> Figure:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     figure = Figure(figsize=(6.4, 7.2), dpi=160, facecolor="white")
-    axes = figure.add_axes((0.02, 0.14, 0.93, 0.74), projection="3d")
+    axes = figure.add_axes((0.02, 0.17, 0.93, 0.71), projection="3d")
     for faces in outer_faces(body):
         colours = scale.to_rgba(values[faces].mean(axis=1))
         look = {"facecolors": colours, "edgecolor": "#1b273355", "linewidth": 0.3}
