@@ -59,7 +59,6 @@ TIMED = (
     "cylinder-fitted",
     "tube",
     "leakage",
-    "compression",
     "torsion",
     "cook",
 )

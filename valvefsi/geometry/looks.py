@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,10 +19,10 @@ if TYPE_CHECKING:
 
 AROUND = {"interval": [0, 1], "triangle": [0, 1, 2], "quadrilateral": [0, 1, 3, 2]}
 """Corners of a facet one after the other, of those in DOLFINx' order."""
-NEIGHBOURS = {
-    "triangle": ([(1, 2), (2, 0), (0, 1)], 2 / np.sqrt(3)),
+NEIGHBOURS: dict[str, tuple[list[tuple[int, ...]], float]] = {
+    "triangle": ([(1, 2), (2, 0), (0, 1)], 2 / math.sqrt(3)),
     "quadrilateral": ([(1, 2), (3, 0), (0, 3), (2, 1)], 1.0),
-    "tetrahedron": ([(1, 2, 3), (2, 0, 3), (0, 1, 3), (1, 0, 2)], np.sqrt(2)),
+    "tetrahedron": ([(1, 2, 3), (2, 0, 3), (0, 1, 3), (1, 0, 2)], math.sqrt(2)),
     "hexahedron": (
         [(1, 2, 4), (3, 0, 5), (0, 3, 6), (2, 1, 7), (6, 5, 0), (4, 7, 1), (7, 4, 2), (5, 6, 3)],
         1.0,

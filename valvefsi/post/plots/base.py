@@ -292,7 +292,7 @@ def _bar(figure: Figure, place: tuple[float, ...], mappable: ScalarMappable, lab
     bar.set_ticks(ticks, labels=tick_texts(ticks))
 
 
-def tick_texts(ticks: Sequence[float]) -> list[str]:
+def tick_texts(ticks: Sequence[float] | Array) -> list[str]:
     """Return even ticks as texts that differ, with as many decimals as that takes, or powers of ten."""
     largest, step = float(np.max(np.abs(ticks))), float(np.ptp(ticks)) / max(len(ticks) - 1, 1)
     if not step > 0:
