@@ -40,6 +40,7 @@ $(STAMP): pyproject.toml
 
 demo: $(STAMP) ## the compressed block in a box of fluid on two ranks: table, pictures, ParaView series
 	$(MPIRUN) -n $(RANKS) $(BIN)/python -m valvefsi bench compression --overwrite --out results/compression
+	@.ci/setup call
 
 test: $(STAMP) ## the test suite on one rank, a process for each core
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(PYTEST) -n $(CORES) --dist worksteal -m 'not slow' $(ARGS)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import gc
 import os
+import re
+import shutil
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pytest
+from matplotlib.figure import Figure
 from mpi4py import MPI
+
+from tests.figures import faults
 
 ONE_RANK = (
     "fitting",
@@ -76,6 +81,25 @@ def shared_tmp(tmp_path, comm):
     comm.barrier()
     yield Path(path)
     comm.barrier()
+
+
+@pytest.fixture(autouse=True)
+def picture_faults(monkeypatch, request):
+    """Look at every figure that a test saves; keep a copy where VALVEFSI_PICTURES names a folder."""
+    found, save, kept = [], Figure.savefig, os.environ.get("VALVEFSI_PICTURES")
+
+    def saving(figure, place, *args, **options):
+        save(figure, place, *args, **options)
+        if "dpi" in options or not str(place).endswith(".png"):  # it was drawn in other pixels
+            figure.draw_without_rendering()
+        found.extend(f"{getattr(place, 'name', place)}: {fault}" for fault in faults(figure))
+        if kept and isinstance(place, Path):
+            name = re.sub(r"[^\w.-]+", "_", f"{request.node.name}.{place.name.lstrip('.')}")
+            shutil.copy(place, Path(kept) / name)
+
+    monkeypatch.setattr(Figure, "savefig", saving)
+    yield found
+    assert not found, "\n".join(["faults of pictures:", *dict.fromkeys(found)])
 
 
 @pytest.fixture(autouse=True, scope="module")

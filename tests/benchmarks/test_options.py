@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from valvefsi.benchmarks.options import defaults, quantities, read_parameters, read_quantities
+from valvefsi.benchmarks.registry import ENTRIES
 from valvefsi.errors import CaseError
 
 PARAMETERS = {"c1": (250.0, "dyn/cm^2"), "t_end": (2.0, "s"), "scheme": ("centred", ("centred", "upwind"))}
@@ -64,3 +65,25 @@ def test_parameters_are_written_as_on_the_command_line():
     assert parameters["ratio"] == (0.0212, "1"), "to the last digit, as Python reads it"
     assert parameters["scheme"] == words
     assert read_parameters(parameters, ["inflow=1 1/(m*s)"])["inflow"] == 0.01
+
+
+TIMED = (
+    "cavity",
+    "taylor-green",
+    "cylinder",
+    "cylinder-fitted",
+    "tube",
+    "leakage",
+    "torsion",
+    "cook",
+)
+TIMED += ("shell", "disk-in-cavity", "valve-2d", "turek-fsi")
+
+
+@pytest.mark.parametrize("name", TIMED)
+def test_every_run_in_time_is_shortened_in_the_same_way(name):
+    kind = next(entry for entry in ENTRIES if entry.name == name).load()
+    assert kind(overrides=["t_end=2 s"]).values["t_end"] == 2.0
+    if name in ("disk-in-cavity", "valve-2d", "turek-fsi"):
+        assert kind(t_end=0.5).values["t_end"] == 0.5
+        assert kind().values["t_end"] == kind.parameters["t_end"][0]

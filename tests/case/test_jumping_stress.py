@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from valvefsi.case import parse_case
-from valvefsi.case.build import jumping_stress
+from valvefsi.case.plan_warnings import jumping_stress
 from valvefsi.fitting import planar_hgo
 from valvefsi.solid.materials import presets
 

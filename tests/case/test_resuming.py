@@ -347,7 +347,9 @@ def test_two_runs_do_not_share_a_folder_and_a_dead_one_holds_none(tmp_path):
         [sys.executable, "-c", HOLD, str(out)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     assert other.stdout.readline() == "held\n"
-    with pytest.raises(CaseError, match=rf"another run holds this folder, process {other.pid} on .* since "):
+    with pytest.raises(
+        CaseError, match=rf"another run or study holds this folder, process {other.pid} on .* since "
+    ):
         run_case(case_with(), out=out, resume=True, comm=SELF)
     other.kill()
     other.wait()

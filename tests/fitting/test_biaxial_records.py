@@ -62,6 +62,58 @@ def test_strains_become_stretches_and_a_shear_strain_a_deformation_without_rotat
     np.testing.assert_allclose(percent.F[1], np.diag(np.sqrt([1.4, 1.2])))
 
 
+def test_engineering_strain_is_the_stretch_less_one_and_engineering_stress_the_first_piola_kirchhoff(
+    tmp_path,
+):
+    text = "nominal_strain1_percent,eng_strain2_percent,eng_stress1_kPa,eng_stress2_kPa\n0,0,0,0\n20,10,5,4\n"
+    data = read_biaxial(written(tmp_path, text))
+    np.testing.assert_allclose(data.F[1], np.diag([1.2, 1.1]))
+    assert (data.measure, data.stress[1].tolist()) == ("pk1", [5.0, 4.0])
+
+
+def test_a_strain_of_no_kind_is_greens_and_that_is_said(tmp_path):
+    data = read_biaxial(written(tmp_path, "strain1,strain2,S11_kPa,S22_kPa\n0,0,0,0\n0.2,0.1,5,4\n"))
+    np.testing.assert_allclose(data.F[1], np.diag(np.sqrt([1.4, 1.2])))
+    assert any("taken as Green strain" in note for note in data.notes)
+    named = read_biaxial(written(tmp_path, "E11,E22,S11_kPa,S22_kPa\n0,0,0,0\n0.2,0.1,5,4\n"))
+    assert named.notes == ()
+
+
+def test_forces_over_the_unloaded_sections_are_first_piola_kirchhoff_stress(tmp_path):
+    """1.2 N over 6 mm^2 are 200 kPa, 900 mN over 4.5 mm^2 the same."""
+    text = "stretch1,stretch2,force1_N,Load2 [mN]\n1,1,0,0\n1.1,1.2,1.2,900\n"
+    data = read_biaxial(written(tmp_path, text), Reading(areas=(0.06, 0.045)))
+    np.testing.assert_allclose(data.stress, [[0, 0], [200, 200]])
+    assert data.measure == "pk1"
+    assert any("force over 6 and 4.5 mm^2" in note for note in data.notes)
+    both = read_biaxial(
+        written(
+            tmp_path,
+            GOOD.replace("P22_kPa", "P22_kPa,force1_N")
+            .replace("\n", ",1\n")
+            .replace("force1_N,1", "force1_N"),
+        )
+    )
+    assert both.notes == ("data.csv: columns not used: force1_N",)
+    assert both.stress.max() == 12
+
+
+def test_decimal_commas_are_read_when_that_is_said_and_named_when_not(tmp_path):
+    path = written(tmp_path, GOOD.replace(",", ";").replace(".", ","))
+    data = read_biaxial(path, Reading(decimal=","))
+    np.testing.assert_array_equal(data.stress, read_biaxial(written(tmp_path, GOOD, "good.csv")).stress)
+    np.testing.assert_array_equal(data.F[2], np.diag([1.2, 1.2]))
+    with pytest.raises(CaseError, match=r"row 3, column stretch1 = '1,1': .*--decimal comma reads commas"):
+        read_biaxial(path)
+    with pytest.raises(CaseError, match=r"row 3, column stretch1 = '1\.1': expected a decimal comma"):
+        read_biaxial(written(tmp_path, GOOD.replace(",", ";")), Reading(decimal=","))
+
+
+def test_all_headings_that_are_not_there_are_named_at_once(tmp_path):
+    with pytest.raises(CaseError, match="column = 'lx, ly': no such columns"):
+        read_biaxial(written(tmp_path, GOOD), Reading(columns={"stretch1": "lx", "stretch2": "ly"}))
+
+
 def test_the_whole_deformation_gradient_is_read(tmp_path):
     text = "F11,F12,F21,F22,P11_kPa,P22_kPa\n1,0,0,1,0,0\n1.1,0.05,0.02,1.2,3,4\n"
     np.testing.assert_array_equal(read_biaxial(written(tmp_path, text)).F[1], [[1.1, 0.05], [0.02, 1.2]])
@@ -133,6 +185,16 @@ BAD = [
     (
         GOOD.replace("P11_kPa", "tension1").replace("P22_kPa", "tension2"),
         "thickness: tensions need the thickness",
+    ),
+    (
+        GOOD.replace("P11_kPa", "force1_N").replace("P22_kPa", "force2_N"),
+        "area: forces need the unloaded sections",
+    ),
+    (GOOD.replace("P11_kPa", "force1").replace("P22_kPa", "force2"), "unit: forces need a unit"),
+    ("eng_strain1,eng_strain2,P11_kPa,P22_kPa\n0,0,0,0\n20,10,5,4\n", "column eng_strain1 = 20.0: .*percent"),
+    (
+        "eng_strain1,eng_strain2,P11_kPa,P22_kPa\n0,0,0,0\n-1,0.1,5,4\n",
+        "an engineering strain must exceed -1",
     ),
     (
         "E11,E22,S11_kPa,S22_kPa\n0,0,0,0\n-0.6,0.1,1,1\n",

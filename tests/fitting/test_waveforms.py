@@ -235,3 +235,18 @@ def test_values_that_nothing_reaches_are_refused(tmp_path):
     ):
         with pytest.raises(CaseError, match=f"row 7, column {column}.* (plausible|gap|increase)"):
             read_waveforms(table(tmp_path, changed(6, line)))
+
+
+def test_decimal_commas_are_read_when_that_is_said(tmp_path):
+    lines = [line.replace(",", ";").replace(".", ",") for line in GOOD]
+    waves, plain = read_waveforms(table(tmp_path, lines), decimal=","), read_waveforms(table(tmp_path, GOOD))
+    np.testing.assert_array_equal(waves.t, plain.t)
+    np.testing.assert_array_equal(waves["p_ao"], plain["p_ao"])
+    with pytest.raises(CaseError, match="--decimal comma reads commas"):
+        read_waveforms(table(tmp_path, lines))
+
+
+def test_all_headings_that_are_not_there_are_named_at_once(tmp_path):
+    path = table(tmp_path, GOOD)
+    with pytest.raises(CaseError, match="column P1, Q1: no such column"):
+        read_waveforms(path, columns={"p_lv": "P1:kPa", "q_lv": "Q1:ml_s"})

@@ -67,6 +67,21 @@ def external(name):
     return Path(folder) / name
 
 
+@pytest.mark.parametrize("repeated", [False, True])
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_one_beat_is_as_long_as_its_samples_and_the_interval_to_the_next(repeated, noise):
+    closed, _, values = record("downstream", n=101, cycles=1, periodic=True)
+    shaken = np.random.default_rng(3).normal(0, noise * MMHG, 101)
+    shaken[-1] = shaken[0]
+    closed = closed.with_values({"p_ao": closed["p_ao"] + shaken})
+    waves = closed if repeated else closed.picked(np.arange(100))
+    report = fit_windkessel(waves, "downstream", replace(QUICK, periodic=True, lag="off", starts=2))
+    assert report.extra["period_s"] == pytest.approx(0.8, rel=1e-12)
+    assert np.allclose(report.fit.values, values, rtol=1e-6 if noise == 0 else 0.05)
+    said = "last, which repeats it" if repeated else "100 samples and the interval to the next beat"
+    assert any("1 cycle of 0.8 s" in note and said in note for note in report.notes)
+
+
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize("uneven", [False, True])
 @pytest.mark.parametrize("name", CIRCUITS)

@@ -2,9 +2,22 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from valvefsi.post.plots.base import PlaneFlow, PlaneSolid, Series, flow_and_solid, histories, phase_bars
+from valvefsi.post.plots.base import (
+    PlaneFlow,
+    PlaneSolid,
+    Series,
+    can_be_seen,
+    flow_and_solid,
+    histories,
+    phase_bars,
+    tick_texts,
+    typeset,
+)
+from valvefsi.post.plots.fit import ProfilePanel, _between
+from valvefsi.post.plots.waveform import headings_at
 
 X = np.arange(16) + 0.5
 
@@ -64,3 +77,54 @@ def test_the_phases_of_a_step_are_drawn(tmp_path):
     bars = np.split(blue, np.flatnonzero(np.diff((blue > 100).astype(int))) + 1)
     first, second = (bar.max() for bar in bars if bar.min() > 100)
     assert second == pytest.approx(2 * first, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("ticks", "texts"),
+    [
+        ([0.0, 2500.0, 5000.0], ["0", "2500", "5000"]),
+        ([0.9999999, 1.0, 1.0000001], ["0.9999999", "1.0000000", "1.0000001"]),
+        ([1.895e4, 1.897e4], ["18950", "18970"]),
+        ([0.0, 2e6, 4e6], ["0", r"$2 \cdot 10^{6}$", r"$4 \cdot 10^{6}$"]),
+        ([-1.5, 0.0, 1.5], ["-1.5", "0.0", "1.5"]),
+        ([3.0, 3.0], ["3", "3"]),
+    ],
+)
+def test_even_ticks_have_texts_that_differ(ticks, texts):
+    assert tick_texts(ticks) == texts
+
+
+def test_powers_are_set():
+    assert typeset("64^3 cells, 1/s^2, s^-1, P_Ao") == "64\u00b3 cells, 1/s\u00b2, s\u207b\u00b9, P_Ao"
+
+
+def test_a_band_is_seen_that_is_wider_than_a_line():
+    assert can_be_seen(np.array([0.0, 1.0]), np.array([0.0, 100.0]))
+    assert not can_be_seen(np.array([0.0, 0.5]), np.array([0.0, 100.0]))
+
+
+def test_a_long_caption_ends_with_a_sentence(tmp_path):
+    figure = Figure(figsize=(4, 3))
+    headings_at(figure, 0.1, "title", "a short part; " + "a part that is far too long for the line " * 2)
+    assert figure.texts[1].get_text() == "a short part"
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_a_profile_between_its_points_is_the_parabola_they_are_of(log):
+    """Where the cost is quadratic in the parameter (or its logarithm), five points give all of it."""
+    x = np.array([-1.0, -0.4, 0.0, 0.7, 1.2])
+    panel = ProfilePanel(
+        name="a",
+        unit="-",
+        values=np.exp(x) if log else x,
+        costs=1 + 0.3 * x**2,
+        threshold=1.2,
+        best=1.0 if log else 0.0,
+        interval=(0.0, 1.0),
+        verdict="",
+        log=log,
+    )
+    values, costs = _between(panel)
+    fine = np.log(values) if log else values
+    np.testing.assert_allclose(costs, 1 + 0.3 * fine**2, atol=1e-12)
+    assert len(values) > 150

@@ -15,7 +15,7 @@ from tests.case.test_resuming import RAW
 from tests.coupled_case import DT, block_model, heavy, simulation
 from valvefsi import fsi
 from valvefsi.case import parse_case
-from valvefsi.case.build import run_case
+from valvefsi.case.build import plan_case, run_case
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
@@ -140,7 +140,7 @@ def test_a_case_begins_from_another_run_and_is_resumed(shared_tmp, comm):
     run_case(parse_case(RAW, short), out=again, comm=comm)
     comm.barrier()
     if comm.rank == 0:  # a run that goes on needs the other one no more
-        shutil.rmtree(coarse / "checkpoints")
+        shutil.rmtree(coarse)
     comm.barrier()
     run_case(parse_case(RAW, changes), out=again, comm=comm, resume=True)
     np.testing.assert_allclose(
@@ -153,11 +153,17 @@ def test_a_case_begins_from_another_run_and_is_resumed(shared_tmp, comm):
 
 
 def test_what_is_no_run_to_begin_from_is_refused(shared_tmp, comm):
-    with pytest.raises(CaseError, match=r"start\.run = 'nowhere': no such folder of a run"):
-        parse_case(RAW, ["start.run='nowhere'"])
-    with pytest.raises(CaseError, match=r"holds no case\.toml of a run"):
-        parse_case(RAW, [f"start.run='{shared_tmp}'"])
     out = shared_tmp / "run"
+    for folder, message in (
+        ("nowhere", "no such folder of a run"),
+        (shared_tmp, "holds no case.toml of a run"),
+    ):
+        asked = parse_case(RAW, [f"start.run='{folder}'"])
+        with pytest.raises(CaseError, match=message) as error:
+            run_case(asked, out=out, comm=comm)
+        assert error.value.key == "start.run"
+        with pytest.raises(CaseError, match=message):
+            plan_case(asked, comm)
     run_case(parse_case(RAW), out=out, comm=comm)
     itself = parse_case(RAW, [f"start.run='{out}'", "time.t_end='90 ms'"])
     with pytest.raises(CaseError, match="cannot begin from itself"):

@@ -251,7 +251,7 @@ def test_a_folder_takes_one_study_at_a_time(study):
 
     def other(tally):
         if tally.running.get("viscosity=5") == 0.25 and not caught:
-            with pytest.raises(CaseError, match="another run holds this folder") as error:
+            with pytest.raises(CaseError, match="another run or study holds this folder") as error:
                 study.run(members(5))
             caught.append(error)
             (study.folder / "go").touch()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -176,3 +177,20 @@ def test_an_input_that_is_no_value_is_refused(tmp_path):
     odd = Stages(tmp_path, [Stage(name="a", inputs={"x": {1, 2}}, make=lambda folder: {}, outputs=())])
     with pytest.raises(TypeError, match="found set"):
         odd.make()
+
+
+def test_a_folder_takes_one_call_at_a_time(chain):
+    first = chain.stages()
+    refused = []
+
+    def second(folder):
+        with pytest.raises(CaseError, match="another run or study holds this folder, process") as error:
+            chain.stages().make()
+        refused.append(error.value.file)
+        return chain.sum(folder)
+
+    first.stages["sum-plain"] = replace(first.stages["sum-plain"], make=second)
+    first.make()
+    assert refused == [chain.folder / "out"]
+    assert chain.calls == ["sum", "square"]
+    assert chain.made() == []

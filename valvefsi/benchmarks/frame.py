@@ -187,7 +187,12 @@ class Benchmark(Command, Generic[R, K]):
 
     def read(self) -> Values:
         """Read the parameters; numbers are positive unless a benchmark reads them otherwise."""
-        return read_parameters(self.parameters, self.overrides)
+        return self.ended(read_parameters(self.parameters, self.overrides))
+
+    def ended(self, values: Values) -> Values:
+        """Return the parameters with the end of the run that an option of its own gives, where it does."""
+        t_end = getattr(self, "t_end", None)
+        return values if t_end is None else values | {"t_end": t_end}
 
     def check(self, values: Values) -> None:
         """Refuse parameters that cannot be run, by a CaseError."""

@@ -21,8 +21,9 @@ from valvefsi.case.materials import make_material, say_provenance
 from valvefsi.case.meshes import solid_mesh
 from valvefsi.case.models import Case, Solid
 from valvefsi.case.origins import write_provenance
+from valvefsi.case.plan_warnings import plan_warnings
 from valvefsi.case.reading import load_case
-from valvefsi.case.resuming import clear, provenance_of, run_folder
+from valvefsi.case.resuming import check_start, clear, provenance_of, run_folder
 from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
 from valvefsi.case.target import at_target, plan_target, target_numbers
 from valvefsi.case.valve import build_rigid, check_leaflets, find_orifice
@@ -50,7 +51,6 @@ from valvefsi.run.simulation import Simulation
 from valvefsi.run.statistics import Line
 from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.loads import DeadLoad, Ramp, Tether
-from valvefsi.solid.materials.presets import ROUNDING
 from valvefsi.solid.structure import Damping, Discretisation, Structure
 from valvefsi.types import Progress
 
@@ -136,27 +136,10 @@ def write_case(case: Case, out: Path, comm: MPI.Comm, changes: Changes = ()) -> 
 
 def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, out: Path = Path()) -> dict[str, object]:
     """Return the plan of a case that would run in a folder, see `valvefsi.run.planning`. Collective."""
+    check_start(case)
     case, chosen = at_target(case, comm)
-    entries = [*plan(build(case, out, comm)), *cell_reynolds_number(case), *jumping_stress(case)]
+    entries = [*plan(build(case, out, comm)), *cell_reynolds_number(case), *plan_warnings(case)]
     return {"plan": [*entries, *plan_target(case, chosen)]}
-
-
-def jumping_stress(case: Case) -> list[Entry]:
-    """Return a warning of a plan for every solid whose dispersed fibres begin to bear with a jump."""
-    text = (
-        "the stress of dispersed fibres jumps where they begin to bear, which can make the stable step several times "
-        f"shorter: take width = {ROUNDING:g}"
-    )
-    return [
-        Entry(quantity=f"warning, {solid.name}", value="", note=text)
-        for solid in case.solid
-        if solid.material is not None and _jumps(solid.material.parameters)
-    ]
-
-
-def _jumps(parameters: Mapping[str, Any]) -> bool:
-    dispersed = any(family.get("kappa", 0.0) > 0.0 for family in parameters.get("families", ()))
-    return dispersed and not parameters.get("width", 0.0) > 0.0
 
 
 def cell_reynolds_number(case: Case) -> list[Entry]:

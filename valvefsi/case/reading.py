@@ -129,7 +129,7 @@ def _find_files(raw: dict[str, object], file: Path | None, changed: Sequence[str
         if isinstance(circuit, dict):
             _find_file(raw, ("circuit", number, "pump"), file, changed)
     _find_file(raw, ("housing",), file, changed)
-    _find_run(raw, file, changed)
+    _find_run(raw, file)
     solids = raw.get("solid")
     for number, solid in enumerate(solids if isinstance(solids, list) else ()):
         if not isinstance(solid, dict):
@@ -165,18 +165,11 @@ def _find_file(
     table[entry] = str(path.resolve())
 
 
-def _find_run(raw: dict[str, object], file: Path | None, changed: Sequence[str]) -> None:
-    """Make the folder of the run to begin from absolute; refuse one that holds no run."""
+def _find_run(raw: dict[str, object], file: Path | None) -> None:
+    """Make the folder of the run to begin from absolute; whether it holds one is asked where a run begins."""
     start = raw.get("start")
-    if not isinstance(start, dict) or not isinstance(start.get("run"), str) or not start["run"]:
-        return
-    folder = (file.parent if file else Path()) / start["run"]
-    if not (folder / "case.toml").is_file():
-        message = "this folder holds no case.toml of a run" if folder.is_dir() else "no such folder of a run"
-        raise CaseError(
-            message, file=_source("start.run", file, changed), key="start.run", value=start["run"]
-        )
-    start["run"] = str(folder.resolve())
+    if isinstance(start, dict) and isinstance(start.get("run"), str) and start["run"]:
+        start["run"] = str(((file.parent if file else Path()) / start["run"]).resolve())
 
 
 def nearest_file(path: Path, suffix: str, cutoff: float = 0.0) -> str:

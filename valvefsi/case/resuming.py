@@ -55,7 +55,8 @@ def run_folder(
         Changes of the case since the run began: key, old and new value, time [s].
 
     Raises:
-        CaseError: Another run holds it, or it holds a run that must not be replaced or gone on with like this.
+        CaseError: Another run holds it, or it holds a run that must not be replaced or gone on with like this; or
+            there is no run in the folder that a new one is to begin from.
 
     Note:
         Collective.
@@ -65,6 +66,8 @@ def run_folder(
     if not resume and case.file is not None and case.file.resolve() == (Path(out) / "case.toml").resolve():
         message = "a run writes case.toml into its folder, over this case: give another --out, or the case another name"
         raise CaseError(message, file=case.file)
+    if not resume:
+        check_start(case)
     with held(out, comm):
         if resume:
             meta = checkpoint.newest_meta(Path(out) / "checkpoints", comm)
@@ -75,6 +78,19 @@ def run_folder(
         if not overwrite:
             refuse_to_overwrite(Path(out), comm, finished=True)
         yield ()
+
+
+def check_start(case: Case) -> None:
+    """Refuse a folder to begin from that holds no run. A run that goes on needs it no more.
+
+    Raises:
+        CaseError: It holds none, or is not there.
+    """
+    if case.start is None or not case.start.run or (Path(case.start.run) / "case.toml").is_file():
+        return
+    there = Path(case.start.run).is_dir()
+    message = "this folder holds no case.toml of a run" if there else "no such folder of a run"
+    raise CaseError(message, file=case.file, key="start.run", value=case.start.run)
 
 
 def clear(out: Path, comm: MPI.Comm) -> None:

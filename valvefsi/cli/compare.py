@@ -11,7 +11,7 @@ import typer
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.labels import LABELS
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Out, Style, Trust, read_seconds
+from valvefsi.cli.options import MARKS, Decimal, Out, Style, Trust, read_seconds
 from valvefsi.cli.tables import number, print_table
 from valvefsi.errors import CaseError
 from valvefsi.types import Scalar
@@ -41,6 +41,7 @@ class CompareCommand:
             metavar="TIME", help="Length of a cycle of both, where a pump or a record says another or none."
         ),
     ] = None
+    decimal: Decimal = "point"
     out: Out = None
     trust: Trust = False
     style: Style = "screen"
@@ -69,7 +70,7 @@ def compare(options: CompareCommand) -> None:
     period = None if options.period is None else read_seconds(options.period, "period")
     if period == 0.0:
         raise CaseError("expected a positive time", key="period", value=options.period)
-    (case_a, a), (case_b, b) = (_read(path, period, options.trust) for path in (options.a, options.b))
+    (case_a, a), (case_b, b) = (_read(path, period, options) for path in (options.a, options.b))
     pair, result = compare_pair(a, b, start=start, shift_max=most)
     if case_a is not None and case_b is not None:
         result["case"] = _differences(case_a, case_b)
@@ -82,17 +83,17 @@ def compare(options: CompareCommand) -> None:
     typer.echo(f"results in {folder / 'comparison.json'} and {picture}")
 
 
-def _read(path: Path, period: float | None, trust: bool) -> tuple[Case | None, Beat]:
+def _read(path: Path, period: float | None, options: CompareCommand) -> tuple[Case | None, Beat]:
     """Return the beat of a run or a record, and the case of a run."""
     if path.is_dir():
         from valvefsi.case.valve_runs import read_run
 
-        return read_run(path, period=period, trust=trust)
+        return read_run(path, period=period, trust=options.trust)
     if not path.exists():
         raise CaseError("no such folder of a run, and no such record", file=path)
     from valvefsi.fitting.bench_beat import read_bench_beat
 
-    return None, read_bench_beat(path, period=period)
+    return None, read_bench_beat(path, period=period, decimal=MARKS[options.decimal])
 
 
 def _differences(a: Case, b: Case) -> dict[str, dict[str, object]]:

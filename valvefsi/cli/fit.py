@@ -11,7 +11,7 @@ import typer
 from valvefsi.cli.fit_output import Texts, names, numbers, progress, ranges, show
 from valvefsi.cli.fit_windkessel import windkessel
 from valvefsi.cli.option_groups import as_number, options_of, pairs
-from valvefsi.cli.options import Out
+from valvefsi.cli.options import MARKS, Decimal, Out
 from valvefsi.errors import CaseError
 
 fit = typer.Typer(
@@ -54,8 +54,18 @@ class BiaxialCommand:
         Texts,
         typer.Option(metavar="NAME=HEADER", help="Column of the file, such as stretch1=lx. Repeatable."),
     ] = None
-    unit: Annotated[str | None, typer.Option(help="Unit of the stresses or tensions.")] = None
-    thickness: Annotated[str | None, typer.Option(help="Unloaded thickness, such as '0.4 mm'.")] = None
+    decimal: Decimal = "point"
+    unit: Annotated[str | None, typer.Option(help="Unit of the stresses, tensions or forces.")] = None
+    thickness: Annotated[
+        str | None, typer.Option(help="Unloaded thickness, such as '0.4 mm', for tensions.")
+    ] = None
+    area: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A[,A]",
+            help="Unloaded section that the forces act on, such as '6 mm^2'; two across axes 1 and 2.",
+        ),
+    ] = None
     accept_suspect: Annotated[
         bool, typer.Option("--accept-suspect", help="Only note stress that falls, and tension while slack.")
     ] = False
@@ -83,17 +93,23 @@ def biaxial(options: BiaxialCommand) -> None:
     A record is a CSV file with a header line, # begins a remark.
     Columns for axes 1 and 2; other columns are passed over:
 
-    deformation: stretch1 stretch2, or E11 E22 (E12), or F11 F12 F21 F22
-    stress: P11 P22 (first Piola-Kirchhoff), S11 S22 (second),
-    cauchy1 cauchy2, or tension1 tension2 with --thickness
+    deformation: stretch1 stretch2 (1 at rest), or
+    eng_strain1 eng_strain2 (stretch less 1), or
+    E11 E22 (E12) (Green strain), or F11 F12 F21 F22
+    stress: P11 P22 (first Piola-Kirchhoff, engineering),
+    S11 S22 (second), cauchy1 cauchy2,
+    tension1 tension2 (force per unloaded length) with --thickness,
+    or force1 force2 with --area
     protocol: a name for each row; without it a file is one protocol
 
-    A unit ends the name (P11_kPa, S22_MPa, E11_percent).
-    Stress is positive in tension, stretch is 1 at rest:
+    A unit ends the name (P11_kPa, force1_N, E11_percent).
+    Stress is positive in tension:
 
     protocol,stretch1,stretch2,P11_kPa,P22_kPa
     1,1.00,1.00,0.0,0.0
     1,1.05,1.08,12.1,10.4
+
+    Semicolons and tabs part cells too. More: docs/records.md
     """
     with progress(f"biaxial fit, {options.model}: {', '.join(path.name for path in options.data)}") as notify:
         from valvefsi.fitting.biaxial import fit_biaxial
@@ -102,7 +118,9 @@ def biaxial(options: BiaxialCommand) -> None:
         reading = Reading(
             columns=pairs(options.column, "column"),
             unit=options.unit,
-            thickness=_length(options.thickness),
+            thickness=_size(options.thickness, "thickness", "cm"),
+            areas=_areas(options.area),
+            decimal=MARKS[options.decimal],
             accept_suspect=options.accept_suspect,
         )
         angle = options.fibre_angle
@@ -130,8 +148,17 @@ def biaxial(options: BiaxialCommand) -> None:
     show(result.report, folder)
 
 
-def _length(text: str | None) -> float | None:
-    """Return a length with a unit in cm."""
+def _areas(text: str | None) -> tuple[float, float] | None:
+    """Return the sections across axes 1 and 2 in cm^2, of one text or two."""
+    parts = [] if text is None else text.split(",")
+    if len(parts) > 2:
+        raise CaseError("expected one section or two", key="area", value=text)
+    sizes = [size for part in parts if (size := _size(part, "area", "cm^2")) is not None]
+    return (sizes[0], sizes[-1]) if sizes else None
+
+
+def _size(text: str | None, key: str, unit: str) -> float | None:
+    """Return a positive size with a unit in the unit of CGS."""
     if text is None:
         return None
     from pydantic_core import PydanticCustomError
@@ -139,9 +166,9 @@ def _length(text: str | None) -> float | None:
     from valvefsi.case.quantities import Quantity
 
     try:
-        value = Quantity("cm").parse(text)
+        value = Quantity(unit).parse(text)
     except PydanticCustomError as error:
-        raise CaseError(error.message(), key="thickness", value=text) from None
+        raise CaseError(error.message(), key=key, value=text) from None
     if value <= 0:
-        raise CaseError("expected a positive length", key="thickness", value=text)
+        raise CaseError("expected a positive size", key=key, value=text)
     return value

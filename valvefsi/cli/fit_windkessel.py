@@ -11,7 +11,7 @@ import typer
 
 from valvefsi.cli.fit_output import Texts, console, names, numbers, progress, ranges, show
 from valvefsi.cli.option_groups import options_of, pairs
-from valvefsi.cli.options import Out
+from valvefsi.cli.options import MARKS, Decimal, Out
 from valvefsi.cli.tables import print_table
 from valvefsi.errors import CaseError
 
@@ -40,6 +40,7 @@ class WindkesselCommand:
             metavar="NAME=HEADER[:UNIT]", help="Column of the file, such as p_ao=P1:kPa. Repeatable."
         ),
     ] = None
+    decimal: Decimal = "point"
     flip: Annotated[
         Texts,
         typer.Option(metavar="NAME", help="A flow recorded positive upstream, such as q_lv. Repeatable."),
@@ -56,7 +57,10 @@ class WindkesselCommand:
     ] = False
     period: Annotated[
         float | None,
-        typer.Option(metavar="SECONDS", help="Length of a cycle; found in the record if not given."),
+        typer.Option(
+            metavar="SECONDS",
+            help="Length of a cycle; else what repeats in the record, or all of it and the interval to the next beat.",
+        ),
     ] = None
     lag: Annotated[
         str,
@@ -88,6 +92,7 @@ def windkessel(options: WindkesselCommand) -> None:
     upstream-bovine: p_lv from q_pump, q_lv and p_la
 
     Units: s, ms; mmHg, kPa, Pa, bar, cmH2O; ml_s, ml_min, L_min.
+    Semicolons and tabs part cells too. More: docs/records.md
     """
     if options.repair not in (None, "outliers"):
         raise CaseError("expected outliers", key="repair", value=options.repair)
@@ -142,7 +147,12 @@ def _read(options: WindkesselCommand, folder: Path) -> Waveforms:
     from valvefsi.fitting.waveform_repair import find_outliers, repair
     from valvefsi.fitting.waveforms import read_waveforms, write_waveforms
 
-    waves = read_waveforms(options.data, columns=pairs(options.column, "column"), gaps=options.gaps)
+    waves = read_waveforms(
+        options.data,
+        columns=pairs(options.column, "column"),
+        gaps=options.gaps,
+        decimal=MARKS[options.decimal],
+    )
     outliers = find_outliers(waves)
     lines = [outlier.line() for outlier in outliers]
     if options.repair is None:

@@ -1,4 +1,4 @@
-"""``valvefsi mesh valve``: make the mesh of a valve from a few lengths."""
+"""``valvefsi mesh``: make the mesh of a valve from a few lengths, take one from elsewhere, show one."""
 
 from __future__ import annotations
 
@@ -9,18 +9,22 @@ from typing import Annotated, Any
 
 import typer
 
+from valvefsi.cli.mesh_show import show, show_mesh
 from valvefsi.cli.options import HELP, not_a_folder, plain
 from valvefsi.errors import CaseError
 from valvefsi.types import Scalar
 
-mesh = typer.Typer(help="Make meshes.", **HELP)
+mesh = typer.Typer(help="Make meshes, and look at them.", **HELP)
 
 OutMesh = Annotated[Path, typer.Option("--out", metavar="FILE.msh", help="The mesh.", callback=not_a_folder)]
 
 
 @mesh.callback()
 def _group() -> None:
-    """Make meshes."""
+    """Make meshes, and look at them."""
+
+
+mesh.command("show")(show)
 
 
 @mesh.command()
@@ -42,7 +46,6 @@ def valve(
     from valvefsi.geometry.valve import mesh_valve, write_valve
     from valvefsi.geometry.valve_quality import quality
     from valvefsi.io.folder import replacing, write_text
-    from valvefsi.post.plots.valve import outer_faces
     from valvefsi.post.plots.valve import valve as draw
 
     if kind not in TYPES:
@@ -56,8 +59,8 @@ def valve(
         write_valve(temporary, made)
     numbers = quality(geometry, made)
     write_text(out.with_suffix(".json"), json.dumps(numbers, indent=1) + "\n")
-    faces, owner = outer_faces(made.facets, len(made.points))
-    draw(out.with_suffix(".png"), made.points, faces, owner, title=f"{kind} valve, {diameter}")
+    title = f"{kind} valve, {diameter}"
+    draw(out.with_suffix(".png"), made.points, made.facets, title=title, caption=_sizes(numbers))
     for name, value in numbers.items():
         typer.echo(f"{name:34s} {value:.6g}")
     typer.echo(f"written: {out}, {out.with_suffix('.json')}, {out.with_suffix('.png')}")
@@ -75,29 +78,39 @@ def import_(
     ] = 40.0,
     out: OutMesh = Path("body.msh"),
 ) -> None:
-    """Take a leaflet from elsewhere; a closed surface is filled with tetrahedra. Writes FILE.msh in cm."""
+    """Take a leaflet from elsewhere; a closed surface is filled with tetrahedra. Writes FILE.msh in cm.
+
+    FILE_tags.png shows the parts of its surface in colours, each with the tag that a case names to clamp it, and
+    FILE_thickness.png its thickness; tables say how good the cells are, and area, middle and normal of each tag.
+    """
+    from mpi4py import MPI
+
     from valvefsi.geometry.importing import import_mesh
+    from valvefsi.geometry.mesh import read_mesh
     from valvefsi.io.folder import replacing
 
     _check_name(out)
     largest = None if size is None else _length("--size", size)
     with replacing(out) as temporary:
         numbers = import_mesh(file, temporary, scale=_length("--unit", unit), size=largest, angle=angle)
-    patches: Any = numbers.pop("patches")
     for name, value in numbers.items():
-        shown = ", ".join(map(_short, value)) if isinstance(value, list) else _short(value)
-        typer.echo(f"{name:12s} {shown}")
-    for name, patch in patches.items():
-        place = ", ".join(_short(10.0 * x) for x in patch["centre_cm"])
-        normal = ", ".join(f"{x + 0.0:.2f}" for x in patch["normal"])
-        area = f"{100.0 * patch['area_cm2']:.4g} mm^2"
-        typer.echo(f"{name:12s} {area}, middle ({place}) mm, mean normal ({normal})")
-    typer.echo(f"written: {out}")
+        if name in ("volume_cm3", "extent_cm"):
+            shown = ", ".join(map(_short, value)) if isinstance(value, list) else _short(value)
+            typer.echo(f"{name:12s} {shown}")
+    made = show_mesh(out.stem, read_mesh(out, MPI.COMM_SELF), out.parent)
+    typer.echo("\n".join(f"written: {path}" for path in (out, *made)))
 
 
 def _short(value: Scalar) -> str:
     """Return a number in few digits, without what round-off leaves of a zero."""
     return f"{round(value, 9) + 0.0:.5g}" if isinstance(value, float) else str(value)
+
+
+def _sizes(numbers: dict[str, float]) -> str:
+    """Return the lengths of a valve that stand in its picture."""
+    ends = dict.fromkeys(f"{10.0 * numbers[f'{end}_thickness_cm']:.3g}" for end in ("smallest", "largest"))
+    gap, edge = (10.0 * numbers[key] for key in ("gap_cm", "free_edge_length_cm"))
+    return f"thickness {' to '.join(ends)} mm, gap {gap:.3g} mm, free edge {edge:.3g} mm"
 
 
 def _check_name(out: Path) -> None:

@@ -53,6 +53,25 @@ def not_a_folder(path: Path | None) -> Path | None:
     return path
 
 
+MARKS = {"point": ".", "comma": ","}
+"""Decimal marks by their names."""
+
+
+def _decimal(text: str) -> str:
+    """Refuse what is no decimal mark."""
+    if text not in MARKS:
+        raise CaseError(f"expected {' or '.join(MARKS)}", key="--decimal", value=text)
+    return text
+
+
+Decimal = Annotated[
+    str,
+    typer.Option(
+        metavar="point|comma",
+        callback=_decimal,
+        help="Decimal mark of the record; with a comma, cells are parted by semicolons, tabs or blanks.",
+    ),
+]
 Out = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Folder of the results.", callback=_folder),

@@ -57,7 +57,8 @@ class SweepCommand:
 def sweep(options: SweepCommand) -> None:
     """Run a case for several values of its keys, and put the members' numbers into one table and picture.
 
-    Each member is a run of its own, in a folder of its name; as many run at once as there are cores. The folder gets
+    Each member is a run of its own, in a folder of its name, on one core; as many run at once as there are cores. A
+    member cannot have several MPI ranks: one that needs them is run alone, by mpirun -n 4 valvefsi run. The folder gets
     sweep.csv, sweep.json and sweep.png. Ctrl-C stops the members, each with a checkpoint.
     """
     from valvefsi.studies.members import read_cases

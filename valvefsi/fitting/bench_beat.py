@@ -21,7 +21,7 @@ SEVERAL = 1.9
 """Cycles from which on they are looked for in the record itself."""
 
 
-def read_bench_beat(path: Path, *, period: float | None = None) -> Beat:
+def read_bench_beat(path: Path, *, period: float | None = None, decimal: str = ".") -> Beat:
     """Return the mean beat of a record.
 
     Columns are times, any of ``p_lv``, ``p_ao``, ``q_ao`` and ``pdva``, with units in their headings, and standard
@@ -32,11 +32,12 @@ def read_bench_beat(path: Path, *, period: float | None = None) -> Beat:
         path: A CSV file.
         period: Length of a cycle [s]; unless given, what a remark of the file says (``# period: 0.857 s``), or what
             repeats in the record, or else its length.
+        decimal: The decimal mark, a point or a comma.
 
     Raises:
         CaseError: It cannot be read, has none of the columns, or is shorter than a cycle.
     """
-    waves = read_waveforms(path)
+    waves = read_waveforms(path, decimal=decimal)
     names = [name for name in QUANTITIES if name in waves.values]
     if not names:
         message = "missing columns: expected any of p_lv_mmHg, p_ao_mmHg, q_ao_ml_s and pdva_cm2"
@@ -51,7 +52,7 @@ def read_bench_beat(path: Path, *, period: float | None = None) -> Beat:
             f"no whole cycle of {length:.6g} s ({where}), or too few samples: it lasts {waves.span:.6g} s"
         )
         raise CaseError(message, file=path)
-    own = _deviations(read_table(Path(path)), waves, names) if cycles == 1 else {}
+    own = _deviations(read_table(Path(path), decimal), waves, names) if cycles == 1 else {}
     return Beat(
         name=Path(path).stem,
         t=t,

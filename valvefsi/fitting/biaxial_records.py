@@ -1,14 +1,7 @@
 """Records of planar biaxial tests: CSV files to deformation gradients and stresses, with every doubt named.
 
-Columns are known by their names, upper or lower case, with a unit at the end if there is one (``P11_kPa``,
-``S22 [MPa]``, ``tension1 (N/m)``, ``E11_percent``):
-
-    deformation   stretch1 stretch2 (lambda1 ...) | E11 E22 [E12] (strain1 ...) | F11 F12 F21 F22
-    stress        PK1_1 PK1_2 (P11 P22 [P12 P21]) | PK2_1 PK2_2 (S11 S22 [S12]) | cauchy1 cauchy2 (sigma11 ...)
-                  | tension1 tension2: force per reference length, needs the thickness
-    protocol      a name or number for each row; without it a file is one protocol
-
-Other columns are passed over with a note, and so are those of a standard deviation (``P11_sd``).
+What columns may be called is in `biaxial_columns`; other columns are passed over with a note, and so are those of a
+standard deviation (``P11_sd``).
 """
 
 from __future__ import annotations
@@ -21,44 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from valvefsi.errors import CaseError
-from valvefsi.fitting.record_table import Table, is_statistic, read_table
+from valvefsi.fitting.biaxial_columns import STRESSES, Columns, kinds, plain_unit, recognise, units_of
+from valvefsi.fitting.record_table import Table, read_table
 from valvefsi.types import Array, Indices
-from valvefsi.units import KILOPASCAL, MMHG
 
-STRESS_UNITS = {
-    "pa": 1e-3,
-    "kpa": 1.0,
-    "mpa": 1e3,
-    "gpa": 1e6,
-    "n/mm2": 1e3,
-    "dyn/cm2": 1 / KILOPASCAL,
-    "mmhg": MMHG / KILOPASCAL,
-}
-"""Units of stress in kPa."""
-TENSION_UNITS = {"n/m": 1.0, "mn/mm": 1.0, "n/mm": 1e3, "n/cm": 1e2, "dyn/cm": 1e-3, "mn/m": 1e-3}
-"""Units of membrane tension in N/m."""
-PURE_UNITS = {"-": 1.0, "1": 1.0, "percent": 0.01, "%": 0.01}
-KINDS = {
-    "stretch": r"(?:stretch(?:_?ratio)?|lambda|lam)",
-    "strain": r"(?:e|strain|green(?:_?lagrange)?(?:_?strain)?)",
-    "gradient": r"(?:f|deformation_?gradient)",
-    "pk1": r"(?:pk1|p|piola|first_?pk)",
-    "pk2": r"(?:pk2|s|second_?pk)",
-    "cauchy": r"(?:cauchy|sigma|sig)",
-    "tension": r"(?:tension|membrane_?tension|t)",
-}
-DEFORMATIONS, STRESSES = ("gradient", "strain", "stretch"), ("pk1", "pk2", "cauchy", "tension")
-INDEX = r"_?(11|22|12|21|1|2)"
-EXAMPLES = "stretch1, E11, F11, PK1_1, PK2_1, cauchy1, tension1 or protocol"
-NAMES = {
-    "stretch": "stretch{0}",
-    "strain": "E{0}{0}",
-    "gradient": "F{0}{0}",
-    "pk1": "P{0}{0}",
-    "pk2": "S{0}{0}",
-}
-NAMES |= {"cauchy": "cauchy{0}", "tension": "tension{0}"}
-"""A name of each quantity along an axis, for messages."""
 LARGEST = 1e6
 """Largest stress that a record may hold [kPa]."""
 FIXED = 1e-9
@@ -73,14 +32,18 @@ class Reading:
 
     Args:
         columns: Column of the file by the name it stands for, such as ``{"stretch1": "lx"}``.
-        unit: Unit of the stresses (or tensions).
+        unit: Unit of the stresses (tensions, forces).
         thickness: Thickness of the unloaded specimen, for tensions [cm].
+        areas: Sections of the unloaded specimen across axes 1 and 2, for forces [cm^2].
+        decimal: The decimal mark, a point or a comma.
         accept_suspect: Only note what looks wrong (stress falling with stretch, tension while slack).
     """
 
     columns: Mapping[str, str] | None = None
     unit: str | None = None
     thickness: float | None = None
+    areas: tuple[float, float] | None = None
+    decimal: str = "."
     accept_suspect: bool = False
 
 
@@ -137,20 +100,6 @@ class BiaxialData:
         return bool(np.abs(np.einsum("nk,nk->n", self.F[:, :, 0], self.F[:, :, 1])).max() > 1e-6)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Column:
-    """A column of a file: its header, what it is, its component, its unit (None if not said)."""
-
-    header: str
-    kind: str
-    component: str
-    unit: str | None
-
-
-Columns = Mapping[tuple[str, str], _Column]
-"""Columns by kind and component."""
-
-
 def read_biaxial(paths: str | Path | Sequence[str | Path], reading: Reading | None = None) -> BiaxialData:
     """Read one or several CSV files of biaxial tests.
 
@@ -184,16 +133,18 @@ def read_biaxial(paths: str | Path | Sequence[str | Path], reading: Reading | No
 
 
 def _read_file(path: Path, reading: Reading, *, many: bool) -> BiaxialData:
-    table = read_table(path)
-    columns = _recognise(table, reading.columns or {})
-    deformation, measure = _kinds(table, columns)
+    table = read_table(path, decimal=reading.decimal)
+    columns = recognise(table, reading.columns or {})
+    deformation, measure = kinds(table, columns)
+    used = (deformation, measure, "protocol")
+    columns = {key: column for key, column in columns.items() if column.kind in used}
     notes = list(table.unused(column.header for column in columns.values()))
     F = _deformation(table, columns, deformation, notes)
     components, stress = _stress(table, columns, measure, reading, notes)
     protocol, names = _protocols(table, columns, path.stem if many else None)
     data = BiaxialData(
         F=F,
-        measure="pk1" if measure == "tension" else measure,
+        measure="pk1" if measure in ("tension", "force") else measure,
         components=components,
         stress=stress,
         protocol=protocol,
@@ -204,88 +155,23 @@ def _read_file(path: Path, reading: Reading, *, many: bool) -> BiaxialData:
     return replace(data, notes=tuple(notes))
 
 
-def _recognise(table: Table, columns: Mapping[str, str]) -> Columns:
-    """Return the columns by kind and component."""
-    recognised: dict[tuple[str, str], _Column] = {}
-    for header, name in table.renamed(columns, "column").items():
-        column = _meaning(header, name, table)
-        if column is None:
-            if name != header:
-                message = f"not a quantity, expected {EXAMPLES}"
-                raise CaseError(message, file=table.path, key="column", value=name)
-            continue
-        key = (column.kind, column.component)
-        if key in recognised:
-            raise table.fault(f"the same quantity as column {recognised[key].header}", header)
-        recognised[key] = column
-    return recognised
-
-
-def _meaning(header: str, name: str, table: Table) -> _Column | None:
-    """Return what a column is, None if it is nothing known.
-
-    Raises:
-        CaseError: It is a known quantity in an unknown unit.
-    """
-    text = name.strip().lower().replace(" ", "_")
-    if text in ("protocol", "test", "set"):
-        return _Column(header=header, kind="protocol", component="", unit=None)
-    for kind, pattern in KINDS.items():
-        match = re.fullmatch(pattern + INDEX + r"(?:_*[\[(]([^\])]*)[\])]|_+(\S+))?", text)
-        if match is None or is_statistic(text):
-            continue
-        unit = next((_plain_unit(part) for part in match.groups()[1:] if part is not None), None)
-        units = _units(kind)
-        if unit is not None and unit not in units:
-            raise table.fault(f"unknown unit {unit}, expected one of {', '.join(units)}", header)
-        component = match[1] if len(match[1]) == 2 else 2 * match[1]
-        return _Column(header=header, kind=kind, component=component, unit=unit)
-    return None
-
-
-def _units(kind: str) -> Mapping[str, float]:
-    return TENSION_UNITS if kind == "tension" else STRESS_UNITS if kind in STRESSES else PURE_UNITS
-
-
-def _plain_unit(text: str) -> str:
-    """Return a unit without blanks, powers and case: ``dyn_cm^2`` and ``dyn/cm2`` are the same."""
-    return re.sub(r"[\s^*]", "", text.strip("_").lower()).replace("_per_", "/").replace("_", "/")
-
-
-def _kinds(table: Table, columns: Columns) -> tuple[str, str]:
-    """Return how the deformation and the stress are given.
-
-    Raises:
-        CaseError: Columns are missing, all named at once, or there are several measures of stress.
-    """
-    deformation = next((kind for kind in DEFORMATIONS if {(kind, "11"), (kind, "22")} & columns.keys()), None)
-    stresses = [kind for kind in STRESSES if any(key[0] == kind for key in columns)]
-    if len(stresses) > 1:
-        raise CaseError(f"expected one measure of stress, found {' and '.join(stresses)}", file=table.path)
-    missing = []
-    for kind in filter(None, (deformation, *stresses)):
-        missing += [NAMES[kind].format(axis) for axis in (1, 2) if (kind, 2 * str(axis)) not in columns]
-    if deformation is None:
-        missing.append("the deformation (stretch1 and stretch2, E11 and E22, or F11 to F22)")
-    if not stresses:
-        missing.append("the stress (PK1_1 and PK1_2, PK2_1 ..., cauchy1 ..., or tension1 ...)")
-    if missing or deformation is None:
-        message = f"columns missing: {' and '.join(missing)}"
-        raise CaseError(message, file=table.path, key=f"columns {', '.join(table.header)}")
-    return deformation, stresses[0]
-
-
 def _deformation(table: Table, columns: Columns, kind: str, notes: list[str]) -> Array:
     """Return F from the stretches, strains or F itself, ``(rows, 2, 2)``."""
     values = {}
     for component in ("11", "22", "12", "21"):
         column = columns.get((kind, component))
         if column is not None:
-            values[component] = table.numbers(column.header) * PURE_UNITS[column.unit or "-"]
+            values[component] = table.numbers(column.header) * units_of(kind)[column.unit or "-"]
     _check_positive(table, columns, kind, values)
     F = np.zeros((len(table.rows), 2, 2))
     if kind == "strain":
         F = _stretch_of(table, values, notes)
+        if not columns[(kind, "11")].header.lower().startswith(("e", "green")):
+            notes.append(
+                f"{table.path.name}: strain is taken as Green strain; stretch less 1 is eng_strain1, eng_strain2"
+            )
+    elif kind == "engineering":
+        F[:, 0, 0], F[:, 1, 1] = 1 + values["11"], 1 + values["22"]
     else:
         for component, numbers in values.items():
             F[:, int(component[0]) - 1, int(component[1]) - 1] = numbers
@@ -302,9 +188,10 @@ def _deformation(table: Table, columns: Columns, kind: str, notes: list[str]) ->
 
 def _check_positive(table: Table, columns: Columns, kind: str, values: Mapping[str, Array]) -> None:
     """Refuse stretches (strains) that are not positive (above -1/2), and those that look like percent."""
-    strain = kind == "strain"
-    least, most = (-0.5, 100) if strain else (0, 10)
-    small = "a Green strain must exceed -1/2" if strain else "a stretch must be positive"
+    least, most, small = {
+        "strain": (-0.5, 100, "a Green strain must exceed -1/2"),
+        "engineering": (-1, 9, "an engineering strain must exceed -1"),
+    }.get(kind, (0, 10, "a stretch must be positive"))
     for component in ("11", "22"):
         header = columns[(kind, component)].header
         for line, value in zip(table.lines, values[component], strict=True):
@@ -336,25 +223,23 @@ def _stress(
     raw = np.array([table.numbers(columns[(kind, c)].header) for c in components]).T
     if not np.any(raw):
         raise CaseError("the stress is zero throughout", file=table.path)
-    units, largest = _units(kind), float(np.abs(raw).max())
-    unit = None if reading.unit is None else _plain_unit(reading.unit)
+    units, largest = units_of(kind), float(np.abs(raw).max())
+    unit = None if reading.unit is None else plain_unit(reading.unit)
     if unit is not None and unit not in units:
         raise CaseError(f"unknown unit, expected one of {', '.join(units)}", key="unit", value=reading.unit)
+    said = all(columns[(kind, c)].unit for c in components)
+    if unit is None and kind == "force" and not said:
+        raise CaseError("forces need a unit, such as force1_N", file=table.path, key="unit")
     if unit is None:
         unit = "n/m" if kind == "tension" else "pa" if largest > 5e3 else "kpa" if largest > 2 else "mpa"
-        if any(columns[(kind, c)].unit is None for c in components):
-            said = {"n/m": "N/m", "pa": "Pa", "kpa": "kPa", "mpa": "MPa"}[unit]
+        if not said:
+            known = {"n/m": "N/m", "pa": "Pa", "kpa": "kPa", "mpa": "MPa"}[unit]
             notes.append(
-                f"{table.path.name}: no unit given for the stress, {said} inferred from its size "
+                f"{table.path.name}: no unit given for the stress, {known} inferred from its size "
                 f"(largest {largest:.5g})"
             )
     stress = raw * np.array([units[columns[(kind, c)].unit or unit] for c in components])
-    if kind == "tension":
-        if reading.thickness is None or not reading.thickness > 0:
-            raise CaseError("tensions need the thickness of the specimen", file=table.path, key="thickness")
-        millimetres = 10 * reading.thickness
-        notes.append(f"{table.path.name}: first Piola-Kirchhoff stress is tension over {millimetres:g} mm")
-        stress = stress / millimetres
+    stress = _per_area(table, kind, components, stress, reading, notes)
     beyond = np.argwhere(np.abs(stress) > LARGEST)
     if len(beyond):
         row, at = beyond[0]
@@ -363,6 +248,32 @@ def _stress(
             message, columns[(kind, components[at])].header, table.lines[row], float(raw[row, at])
         )
     return components, stress
+
+
+def _per_area(
+    table: Table,
+    kind: str,
+    components: tuple[str, ...],
+    loads: Array,
+    reading: Reading,
+    notes: list[str],
+) -> Array:
+    """Return first Piola-Kirchhoff stress from tensions [N/m] or forces [N], ``(rows, components)`` [kPa]."""
+    if kind == "tension":
+        if reading.thickness is None or not reading.thickness > 0:
+            raise CaseError("tensions need the thickness of the specimen", file=table.path, key="thickness")
+        millimetres = 10 * reading.thickness
+        notes.append(f"{table.path.name}: first Piola-Kirchhoff stress is tension over {millimetres:g} mm")
+        return loads / millimetres
+    if kind == "force":
+        if reading.areas is None or not min(reading.areas) > 0:
+            message = "forces need the unloaded sections that they act on"
+            raise CaseError(message, file=table.path, key="area")
+        across = [100 * reading.areas[int(component[1]) - 1] for component in components]
+        sizes = " and ".join(f"{area:g}" for area in dict.fromkeys(across))
+        notes.append(f"{table.path.name}: first Piola-Kirchhoff stress is force over {sizes} mm^2")
+        return 1e3 * loads / np.array(across)
+    return loads
 
 
 def _protocols(table: Table, columns: Columns, prefix: str | None) -> tuple[Indices, tuple[str, ...]]:

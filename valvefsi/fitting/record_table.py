@@ -18,6 +18,8 @@ STATISTICS = {
     *("var", "variance", "ci", "ci95", "lower", "upper"),
 }
 """Words that make a column the spread of another: it is passed over."""
+COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+"""A number with a decimal comma."""
 HUGE = 1e100
 """Size of a number that no record holds."""
 
@@ -32,6 +34,7 @@ class Table:
         rows: Cells of each row.
         lines: Number of each row's line, from 1, ``(rows,)``.
         header_line: Number of the header's line.
+        decimal: The decimal mark.
     """
 
     path: Path
@@ -39,19 +42,25 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     lines: Indices
     header_line: int
+    decimal: str = "."
 
     def numbers(self, header: str) -> Array:
         """Return a column as numbers, ``(rows,)``.
 
         Raises:
-            CaseError: A cell is empty, not a number, or not finite.
+            CaseError: A cell is empty, not a number, not finite, or has the other decimal mark.
         """
         at, values = self.header.index(header), []
         for line, row in zip(self.lines, self.rows, strict=True):
+            if self.decimal != "." and "." in row[at]:
+                raise self.fault("expected a decimal comma", header, line, row[at])
             try:
-                values.append(float(row[at]))
+                values.append(float(row[at].replace(self.decimal, ".")))
             except ValueError:
-                raise self.fault("expected a number", header, line, row[at]) from None
+                hint = (
+                    ", with a decimal point; --decimal comma reads commas" if COMMA.fullmatch(row[at]) else ""
+                )
+                raise self.fault(f"expected a number{hint}", header, line, row[at]) from None
             if not abs(values[-1]) <= HUGE:
                 raise self.fault("expected a finite number", header, line, row[at])
         return np.array(values)
@@ -73,13 +82,11 @@ class Table:
         Raises:
             CaseError: ``columns`` names a header that is not there.
         """
-        names = {header: header for header in self.header}
-        for name, header in columns.items():
-            if header not in names:
-                message = f"no such column, there are {', '.join(self.header)}"
-                raise CaseError(message, file=self.path, key=f"{key} {name}", value=header)
-            names[header] = name
-        return names
+        missing = [header for header in columns.values() if header not in self.header]
+        if missing:
+            message = f"no such column{'s' * (len(missing) > 1)}, there are {', '.join(self.header)}"
+            raise CaseError(message, file=self.path, key=key, value=", ".join(missing))
+        return {header: header for header in self.header} | {header: name for name, header in columns.items()}
 
 
 def is_statistic(heading: str) -> bool:
@@ -87,8 +94,12 @@ def is_statistic(heading: str) -> bool:
     return not STATISTICS.isdisjoint(re.split(r"[^a-z0-9]+", heading.lower()))
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path, decimal: str = ".") -> Table:
     """Return the text of a file: commas, semicolons, tabs or blanks between cells, # before remarks.
+
+    Args:
+        path: The file.
+        decimal: The decimal mark; where it is a comma, none stands between cells.
 
     Raises:
         CaseError: It cannot be read, has no rows, a row of another length, or two columns of one name.
@@ -103,7 +114,7 @@ def read_table(path: Path) -> Table:
     lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.split("#")[0].strip()]
     if len(lines) < 2:
         raise CaseError("expected a header and rows of numbers", file=path)
-    mark = next((m for m in (",", ";", "\t") if m in lines[0][1]), None)
+    mark = next((m for m in (",", ";", "\t") if m in lines[0][1] and m != decimal), None)
     (first, header), *rows = [(number, _cells(line, mark, path, number)) for number, line in lines]
     for number, row in rows:
         if len(row) != len(header):
@@ -118,6 +129,7 @@ def read_table(path: Path) -> Table:
         rows=tuple(row for _, row in rows),
         lines=np.array([number for number, _ in rows]),
         header_line=first,
+        decimal=decimal,
     )
 
 

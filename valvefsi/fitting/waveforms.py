@@ -171,7 +171,7 @@ def parse_heading(heading: str) -> tuple[str, str] | None:
 
 
 def read_waveforms(
-    path: str | Path, *, columns: Mapping[str, str] | None = None, gaps: bool = False
+    path: str | Path, *, columns: Mapping[str, str] | None = None, gaps: bool = False, decimal: str = "."
 ) -> Waveforms:
     """Read a record: a heading line, then one line a sample; lines that begin with # are skipped.
 
@@ -179,6 +179,7 @@ def read_waveforms(
         path: A CSV file, its cells parted by commas, semicolons or tabs.
         columns: ``quantity: heading`` or ``quantity: heading:unit`` for columns whose headings do not say it.
         gaps: Accept gaps in time; the record is linear across them.
+        decimal: The decimal mark, a point or a comma.
 
     Returns:
         The record in CGS.
@@ -186,7 +187,7 @@ def read_waveforms(
     Raises:
         CaseError: The file, a heading or a cell cannot be used; says which, in file, row and column.
     """
-    table = read_table(Path(path))
+    table = read_table(Path(path), decimal)
     read = _assign(table, dict(columns or {}))
     missing = [] if "t" in read else ["no column of times, such as t_s"]
     if not read.keys() - {"t"}:
@@ -238,6 +239,7 @@ def _numbers(table: Table, name: str, heading: str, unit: str) -> Array:
 def _assign(table: Table, columns: dict[str, str]) -> dict[str, tuple[str, str]]:
     """Return heading and unit of each quantity."""
     read: dict[str, tuple[str, str]] = {}
+    _check_pointed(table, columns.values())
     pointed = {name: _pointed(table, name, text) for name, text in columns.items()}
     headings = {heading for heading, _ in pointed.values()}
     for heading in table.header:
@@ -255,17 +257,28 @@ def _assign(table: Table, columns: dict[str, str]) -> dict[str, tuple[str, str]]
     return {**read, **pointed}
 
 
+def _parted(table: Table, text: str) -> tuple[str, str]:
+    """Return heading and unit of ``heading:unit``."""
+    heading, _, unit = (text, "", "") if text in table.header or ":" not in text else text.rpartition(":")
+    return heading, unit
+
+
+def _check_pointed(table: Table, texts: Iterable[str]) -> None:
+    """Refuse headings that are not there, all at once, each with the nearest that is."""
+    missing = [
+        heading for heading, _ in (_parted(table, text) for text in texts) if heading not in table.header
+    ]
+    if missing:
+        near = [difflib.get_close_matches(heading, table.header, n=1) for heading in missing]
+        hint = f", did you mean {' and '.join(found[0] for found in near if found)}?" if any(near) else ""
+        raise CaseError(f"no such column{hint}", file=table.path, key=f"column {', '.join(missing)}")
+
+
 def _pointed(table: Table, name: str, text: str) -> tuple[str, str]:
     """Return heading and unit of a quantity that the user pointed out."""
     if not re.fullmatch(f"t|[pqv]_[a-z0-9]+|{AREA}", name):
         raise CaseError("expected a quantity such as t, p_ao or q_lv", key="columns", value=name)
-    heading, unit = text, ""
-    if text not in table.header and ":" in text:
-        heading, unit = text.rsplit(":", 1)
-    if heading not in table.header:
-        near = difflib.get_close_matches(heading, table.header, n=1)
-        hint = f", did you mean {near[0]}?" if near else ""
-        raise CaseError(f"no such column{hint}", file=table.path, key=f"column {heading}")
+    heading, unit = _parted(table, text)
     if not unit:
         parsed = parse_heading(heading)
         if parsed is None or kind_of(parsed[0]) != kind_of(name):

@@ -7,7 +7,7 @@ fitted to one measured pressure. Inside everything is CGS; parameters are given 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,8 @@ SEGMENTS = 8
 """Blocks that a record of fewer than three cycles is divided into for the resampling."""
 LAG_MOST = 50.0
 """Largest lag [ms]; a record gives up as much at both ends where a lag is fitted."""
+SAME = 1e-9
+"""Difference of two samples over the range of the record, below which one repeats the other."""
 LAGS = ("check", "fit", "off")
 
 
@@ -145,8 +147,9 @@ def fit_windkessel(
     waves = data if isinstance(data, Waveforms) else read_waveforms(data)
     model = find_circuit(circuit)
     waves.require([*model.inputs, model.output], f"circuit {circuit}")
-    notes = [*waves.notes, *_remarks(waves, model)]
+    remarks = _remarks(waves, model)
     waves, cycles = _cut(waves, model, settings)
+    notes = [*waves.notes, *remarks]
     simulator, problem = build_problem(waves, model, settings, cycles)
     best = fit(problem, starts=settings.starts, seed=settings.seed, notify=notify)
     lag = (
@@ -354,12 +357,28 @@ def _cut(waves: Waveforms, model: CircuitModel, settings: Settings) -> tuple[Wav
     if not settings.periodic:
         count = 0 if period is None else int((waves.span + 1.5 * usual) / period)
         return waves, Cycles(period=period, count=count)
+    said = "given" if settings.period else "found in the record"
     if period is None:
-        records = [waves[q] for q in (*model.inputs, model.output)]
-        closed = all(abs(y[-1] - y[0]) <= 0.01 * np.ptp(y) for y in records)
-        period = waves.span if closed else waves.span + usual
+        period, said = _length_of_one(waves, [waves[q] for q in (*model.inputs, model.output)], usual)
     whole, count = whole_cycles(waves, period)
-    return whole, Cycles(period=period, count=count)
+    cycles = "cycle" if count == 1 else "cycles"
+    note = f"periodic: {count} {cycles} of {period:.6g} s, {said}"
+    return replace(whole, notes=(*whole.notes, note)), Cycles(period=period, count=count)
+
+
+def _length_of_one(waves: Waveforms, records: Sequence[Array], usual: float) -> tuple[float, str]:
+    """Return the length of the one cycle that a record holds, and in words why.
+
+    Its end is one interval after its last sample, unless that repeats the first in every column: within the noise any
+    record comes back, to the last digit only one that is closed.
+    """
+    off = {at: max(abs(y[at] - y[0]) / (np.ptp(y) or 1.0) for y in records) for at in (-1, -2)}
+    if off[-1] <= SAME < off[-2]:
+        return waves.span, "from the first sample to the last, which repeats it; --period gives another"
+    return (
+        waves.span + usual,
+        f"{len(waves.t)} samples and the interval to the next beat; --period gives another",
+    )
 
 
 def _remarks(waves: Waveforms, model: CircuitModel) -> list[str]:

@@ -75,7 +75,7 @@ def sha256(path: Path) -> str:
 
 @contextlib.contextmanager
 def held(folder: Path, comm: MPI.Comm) -> Iterator[None]:
-    """Hold a folder for one run; it is made where it is missing, and taken away again where it stays empty.
+    """Hold a folder for one run or study; it is made where it is missing, and taken away again where it stays empty.
 
     The system lets a lock go when its process ends, however it ends: what is left of it is no lock.
 
@@ -115,7 +115,7 @@ def _lock(folder: Path) -> int:
             who = _holder(os.read(lock, 4096))
             os.close(lock)
             raise CaseError(
-                f"another run holds this folder, {who}; give another --out", file=folder
+                f"another run or study holds this folder, {who}; give another --out", file=folder
             ) from None
         except OSError as failure:
             warnings.warn(

@@ -32,6 +32,8 @@ from valvefsi.studies.bench_start import NEEDED
 from valvefsi.studies.loop_stages import Measured, read_measured
 from valvefsi.units import MMHG
 
+YIELDING = {"OMPI_MCA_mpi_yield_when_idle": "1"}
+"""Ranks of Open MPI that wait give their core to those that work; other MPIs do not look at it."""
 STEPS = 2000
 """Steps of a beat of the loop with an orifice."""
 UNITS = {"p_lv": "mmHg", "p_ao": "mmHg", "q_ao": "ml_s"}
@@ -81,7 +83,7 @@ def launch(part: RunPart) -> None:
     Raises:
         ValvefsiError: It failed, in the class of its exit code; it has said why.
     """
-    process = subprocess.Popen(part.command())
+    process = subprocess.Popen(part.command(), env=os.environ | YIELDING)
     with _passing_on(process, signal.SIGTERM):
         code = process.wait()
     if code == 0:

@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from valvefsi.case.build import build
 from valvefsi.case.models import Case
+from valvefsi.case.resuming import check_start
 from valvefsi.run.planning import plan
 
 
@@ -51,6 +52,7 @@ def plan_members(
     for number, (name, case) in enumerate(cases.items()):
         if notify is not None:
             notify(name, number, len(cases))
+        check_start(case)
         entries = {entry.quantity: entry.value for entry in plan(build(case, folder / name, MPI.COMM_SELF))}
         cells, steps, dt, time = (
             float(entries[key]) for key in ("cells", "steps", "time step", "expected time")

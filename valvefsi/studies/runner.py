@@ -21,7 +21,7 @@ from typing import Literal
 from mpi4py import MPI
 
 from valvefsi.case.models import Case
-from valvefsi.case.resuming import clear
+from valvefsi.case.resuming import check_start, clear
 from valvefsi.errors import CaseError, Stopped
 from valvefsi.io.checkpoint import list_checkpoints
 from valvefsi.io.folder import held
@@ -211,6 +211,8 @@ def run_members(
                 _clear(task.folder)
         for task in tasks:
             task.standing = standing(task.folder, task.member, task.case)
+            if task.standing == "new":
+                check_start(task.case)
         if not resume:
             _refuse_to_go_on(folder, tasks)
         command = ["run", str(case), *(["--trust"] if trust else [])]

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mpi4py import MPI
+
 import valvefsi
 from valvefsi.errors import CaseError
 from valvefsi.fitting.report import write_json
-from valvefsi.io.folder import sha256
+from valvefsi.io.folder import held, sha256
 from valvefsi.types import Unchecked
 
 RECORD = "stage.json"
@@ -107,28 +109,32 @@ class Stages:
             again: Make them though they are up to date.
 
         Raises:
-            CaseError: A stage that is asked for alone reads one that was not made; or what a stage raises.
+            CaseError: Another process makes stages in the folder; a stage that is asked for alone reads one that was
+                not made; or what a stage raises.
         """
-        for name in self.stages if only is None else only:
-            self._check(name, alone=only is not None)
-            reason = self.outdated(name) or ("asked for again" if again else "")
-            if not reason:
-                self.say(f"{name}: unchanged")
-                continue
-            self.say(f"{name}: {reason}")
-            folder, began = self.folder / name, time.perf_counter()
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / RECORD).unlink(missing_ok=True)
-            inputs = self._inputs(name)
-            result = self.stages[name].make(folder)
-            took = time.perf_counter() - began
-            about = {
-                "valvefsi": valvefsi.__version__,
-                "date": time.strftime("%Y-%m-%d"),
-                "wall_s": round(took, 3),
-            }
-            write_json(folder / RECORD, {"stage": name, "inputs": inputs, "result": dict(result), **about})
-            self.say(f"{name}: made in {took:.3g} s")
+        with held(self.folder, MPI.COMM_SELF):
+            for name in self.stages if only is None else only:
+                self._check(name, alone=only is not None)
+                reason = self.outdated(name) or ("asked for again" if again else "")
+                self.say(f"{name}: {reason or 'unchanged'}")
+                if reason:
+                    self._make(name)
+
+    def _make(self, name: str) -> None:
+        """Make a stage, and say so in its record."""
+        folder, began = self.folder / name, time.perf_counter()
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / RECORD).unlink(missing_ok=True)
+        inputs = self._inputs(name)
+        result = self.stages[name].make(folder)
+        took = time.perf_counter() - began
+        about = {
+            "valvefsi": valvefsi.__version__,
+            "date": time.strftime("%Y-%m-%d"),
+            "wall_s": round(took, 3),
+        }
+        write_json(folder / RECORD, {"stage": name, "inputs": inputs, "result": dict(result), **about})
+        self.say(f"{name}: made in {took:.3g} s")
 
     def _check(self, name: str, *, alone: bool) -> None:
         """Refuse a stage whose sources are missing; say where they are not up to date."""

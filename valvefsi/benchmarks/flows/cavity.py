@@ -35,16 +35,16 @@ def published(reynolds: int, component: str) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class Cavity(Single):
-    """The cavity, run until the flow is steady: ``steady`` is the largest change per time that counts as none."""
+    """The cavity, until it is steady, changing by less than ``steady`` per time, or to ``t_end``."""
 
     name = "cavity"
-    parameters = quantities("cfl = 0.3, steady = 1e-5, t_max = 1000")
+    parameters = quantities("cfl = 0.3, steady = 1e-5, t_end = 1000 s")
 
     reynolds: int = option(100, "100, 1000 or 5000.", choices=REYNOLDS)
     cells: int = option(64, "Cells along an edge.", flag="--grid", least=8)
 
     def measured(self, job: Job) -> Report:
-        grid, u, t, steps = march(self.reynolds, self.cells, self.values, job)
+        grid, u, t, steps, change = march(self.reynolds, self.cells, self.values, job)
         curves, table, quantities = profiles(grid, u), [], {}
         for name, line in (("u", "vertical"), ("v", "horizontal")):
             place, values = published(self.reynolds, name)
@@ -54,6 +54,8 @@ class Cavity(Single):
                 row(f"{name} on the {line} centre line, largest difference", gap, None, SOURCE),
                 row(f"{name} at {place[low]:.4f}", float(spline(place[low])), float(values[low]), SOURCE),
             ]
+        if change > self.values["steady"]:
+            table.append(row("not steady yet, it changes per time by", change, source=f"at t = {t:.4g}"))
         return Report(
             parameters=self.values | {"reynolds": self.reynolds, "cells": self.cells},
             quantities=quantities | {"t_steady": t},
@@ -69,19 +71,19 @@ class Cavity(Single):
         centre_lines(out / "profiles.png", curves, points, title=name)
 
 
-def march(reynolds: int, cells: int, parameters: Values, job: Job) -> tuple[MacGrid, Faces, float, int]:
-    """Run from rest until nothing changes; return grid, velocity, time and steps (collective)."""
+def march(
+    reynolds: int, cells: int, parameters: Values, job: Job
+) -> tuple[MacGrid, Faces, float, int, float]:
+    """Run from rest until nothing changes; return grid, velocity, time, steps and the last change (collective)."""
     grid = MacGrid([0.0, 0.0], [1.0, 1.0], [cells] * 2, [False] * 2, job.comm)
-    mu, t_max = 1.0 / reynolds, parameters["t_max"]
+    mu, t_end = 1.0 / reynolds, parameters["t_end"]
     dt = parameters["cfl"] / cells
     lid = Boundary(grid, {"y_upper": Wall(velocity=(1.0, 0.0))})
     model = fsi.Model(grid=grid, fluid=flow_of(grid, lid, dt, rho=1.0, mu=mu))
     state, k, change = fsi.initial_state(model, dt), 0, np.inf
     while change > parameters["steady"]:
-        if k * dt > t_max:
-            raise ConvergenceError(
-                f"the flow still changes by {change:.1e} per time at t = {k * dt:.4g}; try a larger t_max"
-            )
+        if k * dt > t_end:
+            break
         before, state = state.u, fsi.step(model, state, dt)
         k += 1
         if k % 20 == 0:
@@ -90,8 +92,8 @@ def march(reynolds: int, cells: int, parameters: Values, job: Job) -> tuple[MacG
             change = job.comm.allreduce(local, op=MPI.MAX)
             if not np.isfinite(diagnostics.kinetic_energy(grid, state.u, 1.0)):
                 raise ConvergenceError(f"the velocity is not finite at t = {k * dt:.4g}; try a smaller cfl")
-        job.show(k, min(k * dt, t_max), t_max, change=change)
-    return grid, state.u, k * dt, k
+        job.show(k, min(k * dt, t_end), t_end, change=change)
+    return grid, state.u, k * dt, k, change
 
 
 def profiles(grid: MacGrid, u: Faces) -> dict[str, tuple[Array, Array]]:

@@ -136,7 +136,8 @@ class Cylinder(Shedding[int]):
     name = "cylinder"
     resumable = True
     parameters = quantities(
-        "reynolds = 100, t_end = 100, cfl = 0.2, width = 60, draw_in = 1", kernel=("bspline3", tuple(KERNELS))
+        "reynolds = 100, t_end = 100 s, cfl = 0.2, width = 60, draw_in = 1",
+        kernel=("bspline3", tuple(KERNELS)),
     )
 
     cells: int = option(32, "Cells across the diameter.", flag="--grid", least=8)
@@ -234,7 +235,7 @@ class CylinderFitted(Shedding[float]):
     """The flow on the mesh that fits, run until it sheds vortices regularly."""
 
     name = "cylinder-fitted"
-    parameters = quantities("reynolds = 100, t_end = 90, width = 60, courant = 0.16")
+    parameters = quantities("reynolds = 100, t_end = 90 s, width = 60, courant = 0.16")
     """``courant`` is the step over the size of the elements at the cylinder."""
 
     size: float = option(0.03, "Length of the elements at the cylinder, in diameters.")

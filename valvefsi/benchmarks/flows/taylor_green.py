@@ -31,7 +31,7 @@ from valvefsi.post.plots.decay import decay
 from valvefsi.verification.norms import normalised_difference
 
 PARAMETERS = quantities(
-    "reynolds = 1600, t_end = 12, cfl = 0.2",
+    "reynolds = 1600, t_end = 12 s, cfl = 0.2",
     advection=("xsppm7", tuple(SCHEMES)),
 )
 TABLE = "taylor_green_re1600"

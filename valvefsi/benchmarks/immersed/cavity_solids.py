@@ -232,10 +232,11 @@ class DiskInCavity(SoftBody):
 
     name = "disk-in-cavity"
     dim, body, measure = 2, "disk", "area"
+    parameters = {**PARAMETERS, "t_end": (10.0, "s")}
 
     grid: int = option(32, "Cells along each edge of the box.", least=8)
     refine: int = option(2, "Number of finer grids.", least=0, most=4)
-    t_end: float = option(10.0, "End of the run [s].", least=0.01)
+    t_end: float | None = option(None, "End of the run [s], as --set t_end.", least=0.01)
     ratio: float = option(0.5, "Size of the disk's elements over h.", least=0.1)
 
     @property
@@ -246,7 +247,7 @@ class DiskInCavity(SoftBody):
         return refined(self.grid, self.refine)
 
     def count(self, dt: float) -> int:
-        return round(self.t_end / dt)
+        return round(self.values["t_end"] / dt)
 
 
 def _look(model: fsi.Model, state: fsi.State) -> Array:

@@ -159,7 +159,7 @@ def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> tuple[fsi.
 
 
 PARAMETERS = quantities("""
-    U = 200 cm/s, mu_s = 2e7 dyn/cm^2, nu = 0.4, rho = 1 g/cm^3, rho_s = 1 g/cm^3, mu = 10 dyn*s/cm^2,
+    t_end = 8 s, U = 200 cm/s, mu_s = 2e7 dyn/cm^2, nu = 0.4, rho = 1 g/cm^3, rho_s = 1 g/cm^3, mu = 10 dyn*s/cm^2,
     ramp = 2 s, nu_stab = 0.49, ratio = 2, share = 4.5, hold = 0.5, pace = 0.02
 """)
 """Default and unit. ``ratio`` is the length of a quadratic element over h, ``share`` the step over the elastic limit
@@ -225,7 +225,7 @@ class TurekFsi(Benchmark[int, None]):
 
     case: str = option("fsi3", "fsi1 (steady), fsi2 (a heavy flag) or fsi3.", choices=tuple(CASES))
     cells: int = option(4, "Cells across the flag.", least=2)
-    t_end: float = option(8.0, "End of the run [s].", between=(0.0, math.inf))
+    t_end: float | None = option(None, "End of the run [s], as --set t_end.", between=(0.0, math.inf))
     refine: int = option(0, "Number of finer grids, each 1.5 times as fine.", least=0, most=4)
     kernel: str = option("bspline3", "Kernel of the coupling.", choices=tuple(KERNELS))
 
@@ -234,7 +234,7 @@ class TurekFsi(Benchmark[int, None]):
         return f"turek-{self.case}"
 
     def read(self) -> Values:
-        return read_parameters(changed(PARAMETERS, **CASES[self.case]), self.overrides)
+        return self.ended(read_parameters(changed(PARAMETERS, **CASES[self.case]), self.overrides))
 
     def check(self, values: Values) -> None:
         for key in ("nu", "nu_stab"):
@@ -260,7 +260,8 @@ class TurekFsi(Benchmark[int, None]):
     def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Sights]:
         model, dt = build(cells, self.kernel, self.values, comm)
         period = PERIODS[self.case]
-        steps, every = math.ceil(self.t_end / dt - 1e-6), max(1, round(period / SAMPLES / dt))
+        physical = {key: value for key, value in self.values.items() if key != "t_end"}
+        steps, every = math.ceil(self.values["t_end"] / dt - 1e-6), max(1, round(period / SAMPLES / dt))
         sights = Sights([max(1, steps - round(part * period / dt)) for part in (0.5, 0.25, 0.0)])
         simulation = fixed_steps(
             model,
@@ -274,7 +275,7 @@ class TurekFsi(Benchmark[int, None]):
             probes=(Probe(name="tip", body=0, at=(TIP, CENTRE[1])),),
             forces=(ForceOutput(name="bodies", bodies=(0, 1)),),
             observers=(watch(model, sights),),
-            provenance=self.values | {"case": self.case, "cells": cells, "kernel": self.kernel},
+            provenance=physical | {"case": self.case, "cells": cells, "kernel": self.kernel},
         )
         return simulation, sights
 
@@ -309,7 +310,7 @@ class TurekFsi(Benchmark[int, None]):
             vorticity(folder / "vorticity.png", [vars(s) for s in snapshots], body, scale=scale, title=name)
 
     def report(self, records: Sequence[Record], reference: None) -> Report:
-        options = {"case": self.case, "t_end": self.t_end, "kernel": self.kernel}
+        options = {"case": self.case, "kernel": self.kernel}
         return Report(
             parameters=self.values | options,
             quantities={r["cells"]: r["quantities"] for r in records},

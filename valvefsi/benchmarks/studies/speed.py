@@ -183,14 +183,12 @@ def machine_here(parameters: Values, comm: MPI.Comm, steps: int = 3) -> cost_mod
 
 
 def _row(grid: Record, dim: int, upwind: bool) -> Row:
-    """One line of the table; the budget is that of an xsPPM7 step of 128^3 cells on one rank."""
+    """One line of the table; the goal is that of an xsPPM7 step of 128^3 cells on one rank."""
     each, ranks = grid["threads"], grid["ranks"]
     due = upwind and (grid["N"], dim, ranks, each) == (128, 3, 1, 1)
     name = f"{grid['N']}^{dim}, {ranks} rank{'s' * (ranks > 1)}: step / DCT pair"
     name = name.replace(":", f" of {each} threads:") if each > 1 else name
-    return row(
-        name, grid["pairs_per_step"], 8.0 if due else None, "budget of the finished fluid" if due else ""
-    )
+    return row(name, grid["pairs_per_step"], 8.0 if due else None, "a goal, not a bound" if due else "")
 
 
 def measure(cells: tuple[int, ...], steps: int, parameters: Values, comm: MPI.Comm) -> Record:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +35,9 @@ DILATION = LinearSegmentedColormap.from_list(
 """Red where compressed, blue where dilated, near white at J = 1."""
 CORNERS = {5: 3, 9: 4, 22: 3, 28: 4, 69: 3, 70: 4}
 """Corners of the plane cells of VTK, the first nodes of each."""
+POWERS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+SEEN = 0.012
+"""Width of a band over the range of an axis, above which it can be seen beside a line."""
 STYLE = {
     "font.family": "sans-serif",
     "font.size": 10.0,
@@ -229,7 +233,7 @@ def phase_bars(
         for row, total in zip(rows, totals, strict=True):
             axes.annotate(f"{total:.3g} ms", (101.5, row), va="center", annotation_clip=False)
         axes.set(xlim=(0, 100), ylim=(len(steps) - 0.5, -0.5), xlabel="share of a step [%]")
-        axes.set_yticks(rows, list(steps))
+        axes.set_yticks(rows, [typeset(name) for name in steps])
         axes.tick_params(left=False)
         axes.spines[["top", "right", "left"]].set_visible(False)
         figure.legend(
@@ -310,12 +314,39 @@ def _bar(figure: Figure, place: tuple[float, ...], mappable: ScalarMappable, lab
     bar.ax.tick_params(length=2.5, labelsize=8.5)
     low, high = mappable.get_clim()
     ticks = np.linspace(low, high, 5)
-    bar.set_ticks(ticks, labels=[f"{tick:.6g}" for tick in ticks])
+    bar.set_ticks(ticks, labels=tick_texts(ticks))
+
+
+def tick_texts(ticks: Sequence[float] | Array) -> list[str]:
+    """Return even ticks as texts that differ, with as many decimals as that takes, or powers of ten."""
+    largest, step = float(np.max(np.abs(ticks))), float(np.ptp(ticks)) / max(len(ticks) - 1, 1)
+    if not step > 0:
+        return [f"{tick:.4g}" for tick in ticks]
+    power = int(np.floor(np.log10(largest))) if largest >= 1e5 or largest < 1e-3 else 0
+    scaled = np.asarray(ticks) / 10.0**power
+    decimals = max(0, int(np.ceil(-np.log10(step / 10.0**power))) + 1)
+    texts = [f"{tick + 0.0:.{decimals}f}" for tick in scaled]
+    while decimals and all(text.endswith("0") for text in texts):
+        decimals -= 1
+        texts = [f"{tick + 0.0:.{decimals}f}" for tick in scaled]
+    if not power:
+        return texts
+    return ["0" if float(text) == 0 else f"${text} \\cdot 10^{{{power}}}$" for text in texts]
+
+
+def typeset(text: str) -> str:
+    """Return a text with its powers, as in 64^3 and cm^2, set as such."""
+    return re.sub(r"\^(-?\d+)", lambda found: found[1].translate(POWERS), text)
+
+
+def can_be_seen(band: Array, values: Array) -> bool:
+    """Whether a band of half a width about values is wider than the line drawn through them."""
+    return bool(2.0 * np.max(band, initial=0.0) > SEEN * np.ptp(values))
 
 
 def _headings(figure: Figure, x: float, top: float, title: str, caption: str, height: float) -> None:
-    figure.text(x, top + 0.38 / height, title, fontsize=12.5, fontweight="bold", va="baseline")
-    figure.text(x, top + 0.14 / height, caption, fontsize=9.5, color=MUTED, va="baseline")
+    figure.text(x, top + 0.38 / height, typeset(title), fontsize=12.5, fontweight="bold", va="baseline")
+    figure.text(x, top + 0.14 / height, typeset(caption), fontsize=9.5, color=MUTED, va="baseline")
 
 
 def _ends(centres: Array) -> tuple[float, float]:
@@ -331,11 +362,17 @@ def plain(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
+def legend_above(axes: Axes, columns: int = 4) -> None:
+    """Put the legend of axes above them, to the right, where it covers no curve."""
+    place = {"loc": "lower right", "bbox_to_anchor": (1.01, 0.99), "ncols": columns, "handlelength": 1.6}
+    axes.legend(frameon=False, fontsize=8.5, labelcolor=MUTED, **place)
+
+
 def headings(figure: Figure, title: str, caption: str) -> None:
     """Put a heading and a line under it at the top left of a figure."""
     height = figure.get_figheight()
-    figure.text(0.06, 1 - 0.34 / height, title, fontsize=12.5, fontweight="bold", va="baseline")
-    figure.text(0.06, 1 - 0.57 / height, caption, fontsize=9.5, color=MUTED, va="baseline")
+    figure.text(0.06, 1 - 0.34 / height, typeset(title), fontsize=12.5, fontweight="bold", va="baseline")
+    figure.text(0.06, 1 - 0.57 / height, typeset(caption), fontsize=9.5, color=MUTED, va="baseline")
 
 
 def saved(figure: Figure, path: Path) -> Path:

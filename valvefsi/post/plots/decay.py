@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, saved
+from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, legend_above, saved, typeset
 from valvefsi.types import Array
 
 
@@ -45,8 +45,8 @@ def decay(
             above.plot(*published[:2], "--", color=INK, linewidth=1.0)
             below.plot(published[0], 1e3 * published[2], "--", color=INK, linewidth=1.0, label=source)
         below.set(xlabel="t", ylabel="loss of energy [$10^{-3}$]", xlim=(0, t[-1]), ylim=(0, None))
-        below.legend(frameon=False, loc="upper left", labelcolor=MUTED)
-        figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
+        legend_above(below)
+        figure.suptitle(typeset(title), x=0.1, ha="left", fontweight="bold")
         return saved(figure, path)
 
 
@@ -86,7 +86,7 @@ def forces(
                 frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderpad=0.2, labelcolor=MUTED
             )
         below.set(xlabel="t U / D", xlim=(0, t[-1]))
-        figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
+        figure.suptitle(typeset(title), x=0.1, ha="left", fontweight="bold")
         return saved(figure, path)
 
 
@@ -103,7 +103,7 @@ def profiles(path: Path, curves: dict[str, list[Any]], *, title: str = "") -> Pa
         The path.
     """
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7.2, 4.2), dpi=160, facecolor="white")
+        figure = Figure(figsize=(7.2, 4.9), dpi=160, facecolor="white")
         for axes, (name, (y, computed, exact)) in zip(
             figure.subplots(1, len(curves), sharey=True), curves.items(), strict=True
         ):
@@ -114,10 +114,11 @@ def profiles(path: Path, curves: dict[str, list[Any]], *, title: str = "") -> Pa
                 )
                 axes.plot(u, y, ".", color=colour, markersize=4, label=f"t = {t:.3g} s")
             axes.set(title=name, xlabel="u [cm/s]")
-            axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
+            place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.17), "ncols": 3, "handletextpad": 0.1}
+            axes.legend(frameon=False, fontsize=8, labelcolor=MUTED, columnspacing=0.8, **place)
         figure.axes[0].set(ylabel="y [cm]", ylim=(0, 1))
-        figure.suptitle(f"{title}; lines: closed form", x=0.1, ha="left", fontweight="bold")
-        figure.subplots_adjust(top=0.82, bottom=0.14)
+        figure.suptitle(f"{typeset(title)}; lines: closed form", x=0.1, ha="left", fontweight="bold")
+        figure.subplots_adjust(top=0.85, bottom=0.3)
         return saved(figure, path)
 
 
@@ -148,7 +149,7 @@ def centre_lines(
             axes.plot(*marks, "o", color=INK, markersize=3.5, label="Ghia et al. 1982")
             axes.set(**({"xlabel": "u", "ylabel": "y"} if name == "u" else {"xlabel": "x", "ylabel": "v"}))
             axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
-        figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
+        figure.suptitle(typeset(title), x=0.1, ha="left", fontweight="bold")
         figure.subplots_adjust(top=0.86, bottom=0.16, wspace=0.3)
         return saved(figure, path)
 
@@ -179,6 +180,6 @@ def leak(path: Path, t: Array, flow: Array, late: float, *, title: str = "") -> 
         average = abs(flow[-max(1, round(late * len(flow))) :].mean())
         axes.axhline(average, color=LINES[1], linewidth=1.0, label=f"last part: {average:.3g} ml/s")
         axes.set(xlabel="t [ms]", ylabel="leak [ml/s]", xlim=(0, 1e3 * t[-1]))
-        axes.legend(frameon=False, loc="upper right", labelcolor=MUTED)
-        figure.suptitle(title, x=0.1, ha="left", fontweight="bold")
+        legend_above(axes)
+        figure.suptitle(typeset(title), x=0.1, ha="left", fontweight="bold")
         return saved(figure, path)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.interpolate import PchipInterpolator
 
-from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
+from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, can_be_seen, plain, saved
 from valvefsi.types import Array
 
 if TYPE_CHECKING:
@@ -230,8 +231,12 @@ def _legend(figure: Figure, blocks: Sequence[Block]) -> None:
         for name, colour in zip(names, LINES, strict=False)
     ]
     handles.append(Line2D([], [], color=MUTED, marker="o", linestyle="none", markersize=4, label="data"))
-    if any(curve.band is not None for block in blocks for curve in block.curves):
-        handles.append(Patch(color=MUTED, alpha=0.3, label="95 % band of the curve"))
+    curves = [curve for block in blocks for curve in block.curves]
+    if any(curve.band is not None for curve in curves):
+        whole = np.concatenate([curve.curve for curve in curves])
+        seen = any(curve.band is not None and can_be_seen(curve.band, whole) for curve in curves)
+        said = "95 % band of the curve" if seen else "95 % band, narrower than the line"
+        handles.append(Patch(color=MUTED, alpha=0.3, label=said))
     if any(block.predicted for block in blocks):
         handles.append(
             Line2D([], [], color=MUTED, dashes=(4, 2), linewidth=1.7, label="predicted, not fitted")
@@ -254,7 +259,8 @@ def _profile(axes: Axes, panel: ProfilePanel) -> None:
         axes.locator_params(axis="x", nbins=5)
     axes.axvspan(*panel.interval, color=LINES[5], alpha=0.22, linewidth=0)
     axes.axhline(panel.threshold, color=INK, linewidth=1.0, dashes=(4, 3))
-    axes.plot(panel.values, panel.costs, color=LINES[0], linewidth=1.7, marker="o", markersize=3.2)
+    axes.plot(*_between(panel), color=LINES[0], linewidth=1.7)
+    axes.plot(panel.values, panel.costs, "o", color=LINES[0], markersize=3.2)
     axes.plot(panel.best, 1.0, "D", color=LINES[1], markersize=5.5, zorder=4)
     top = 1 + 1.7 * (panel.threshold - 1)
     axes.set_ylim(1 - 0.12 * (top - 1), top)
@@ -266,6 +272,7 @@ def _profile(axes: Axes, panel: ProfilePanel) -> None:
         axes.set_xlim(low / room, high * room)
         if high / low > 100:
             axes.xaxis.set_major_locator(mpl.ticker.LogLocator(subs=(1,), numticks=5))
+            axes.xaxis.set_major_formatter(mpl.ticker.LogFormatterMathtext())
         elif high / low < 8:
             axes.xaxis.set_major_locator(mpl.ticker.MaxNLocator(3))
     elif high > low:
@@ -277,3 +284,17 @@ def _profile(axes: Axes, panel: ProfilePanel) -> None:
     )
     axes.ticklabel_format(axis="y", useOffset=False)
     plain(axes)
+
+
+def _between(panel: ProfilePanel) -> tuple[Array, Array]:
+    """Return the profile between the points where it was computed: the root of the rise is nearly a straight line."""
+    x = np.log(panel.values) if panel.log else panel.values
+    best = np.log(panel.best) if panel.log else panel.best
+    order = np.unique(x, return_index=True)[1]
+    x, costs = x[order], panel.costs[order]
+    least = min(float(costs.min()), 1.0)
+    root = np.sign(x - best) * np.sqrt(np.maximum(costs - least, 0.0))
+    if len(x) < 3 or not np.isfinite(root).all():
+        return panel.values, panel.costs
+    fine = np.unique(np.concatenate([np.linspace(x[0], x[-1], 200), x]))
+    return np.exp(fine) if panel.log else fine, least + PchipInterpolator(x, root)(fine) ** 2

@@ -53,6 +53,9 @@ def free_edges(
             (np.arange(top + 1), np.arange(top, len(t))),
             strict=True,
         ):
+            if part[0] > 0 and len(part) == 1:  # it was still opening at the end
+                axes.set_visible(False)
+                continue
             _end_on(figure, axes, edges, _chosen(edges, part), radius)
             axes.set_title(name, fontsize=10.5)
         below = figure.add_axes((0.12, 0.08, 0.84, 0.25))
@@ -97,5 +100,6 @@ def _end_on(figure: Figure, axes: Axes, edges: Mapping[str, Array], chosen: Indi
     place = axes.get_position()
     bar = figure.add_axes((place.x1 + 0.005, place.y0 + 0.06, 0.014, place.height - 0.12))
     figure.colorbar(ScalarMappable(span, colours), cax=bar, ticks=np.arange(len(chosen)))
-    bar.set_yticklabels([f"{when:.3f}" for when in t], fontsize=7.5)
+    decimals = next((d for d in range(3, 9) if len({f"{when:.{d}f}" for when in t}) == len(t)), 9)
+    bar.set_yticklabels([f"{when:.{decimals}f}" for when in t], fontsize=7.5)
     bar.set_title("t [s]", fontsize=8.5)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import MaxNLocator, NullLocator, ScalarFormatter
 
-from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
+from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved, typeset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,16 +87,16 @@ def panels(
         figure = Figure(figsize=(width, height), dpi=160, facecolor="white")
         every = figure.subplots(rows, across, squeeze=False).ravel()
         right, low, high = 1 - (2.4 if many else 0.15) / width, 0.57 / height, 1 - 0.84 / height
-        figure.subplots_adjust(left=0.75 / width, right=right, top=high, bottom=low, wspace=0.28, hspace=0.25)
+        figure.subplots_adjust(left=0.98 / width, right=right, top=high, bottom=low, wspace=0.34, hspace=0.25)
         for axes, panel in zip(every, shown, strict=False):
             _draw(axes, panel, legend=not many)
         for axes in every[len(shown) :]:
-            axes.set_axis_off()
+            axes.set_visible(False)
         if many:
             handles, labels = every[0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="center right", frameon=False, fontsize=8)
-        figure.text(0.03, 1 - 0.31 / height, title, fontsize=12.5, fontweight="bold", va="baseline")
-        figure.text(0.03, 1 - 0.57 / height, caption, fontsize=9.5, color=MUTED, va="baseline")
+        figure.text(0.03, 1 - 0.31 / height, typeset(title), fontsize=12.5, fontweight="bold", va="baseline")
+        figure.text(0.03, 1 - 0.57 / height, typeset(caption), fontsize=9.5, color=MUTED, va="baseline")
         return saved(figure, path)
 
 
@@ -123,6 +123,14 @@ def _draw(axes: Axes, panel: Panel, *, legend: bool) -> None:
         ticks = sorted({float(x) for line in panel.lines for x in np.ravel(np.asarray(line.x, dtype=float))})
         axes.xaxis.set_minor_locator(NullLocator())
         axes.set_xticks(ticks, labels=[f"{x:g}" for x in ticks])
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+    if "y" not in panel.log:
+        axes.ticklabel_format(axis="y", scilimits=(-3, 4))
+    elif axes.get_ylim()[1] < 10.0 * axes.get_ylim()[0]:  # less than a decade has no powers of ten in it
+        axes.yaxis.set_major_locator(MaxNLocator(4))
+        axes.yaxis.set_major_formatter(ScalarFormatter())
+        axes.yaxis.set_minor_locator(NullLocator())
     axes.set_xlabel(panel.xlabel)
     axes.set_ylabel(panel.ylabel, fontsize=9)
     plain(axes)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 WORSE = LinearSegmentedColormap.from_list("worse", ["#2f7fb5", "#a3cbe2", "#f7f5f3", "#f3b59a", "#c2452d"])
 """Blue where small, red where large."""
 BROKEN = "#e4e7ea"
-CELL, ROW, LEFT, GAP, HEAD, NARROWEST = 0.44, 0.21, 1.75, 0.3, 0.95, 1.9
+CELL, ROW, LEFT, GAP, HEAD, NARROWEST = 0.6, 0.3, 2.0, 0.35, 1.05, 2.4
 """Width and height of a cell, room for names, between panels, above rows of panels, least width of a panel [inch]."""
 
 
@@ -72,7 +72,7 @@ def heat_maps(
         figure = Figure(figsize=(width, height), dpi=150, facecolor="white")
         figure.text(0.15 / width, 1 - 0.35 / height, title, fontsize=13, fontweight="bold", va="baseline")
         note = "across: element size over grid spacing; framed: leaks; x: broke down; colours logarithmic"
-        figure.text(0.15 / width, 1 - 0.6 / height, note, fontsize=9, color=MUTED, va="baseline")
+        figure.text(0.15 / width, 1 - 0.6 / height, note, fontsize=10, color=MUTED, va="baseline")
         top = 0.75
         for heading, maps in panels.items():
             place = 1 - (top + 0.32) / height
@@ -98,14 +98,14 @@ def _draw(axes: Axes, shown: HeatMap, rows: Sequence[str] | None, columns: Seque
         text = _short(value) if np.isfinite(value) else "x"
         share = float(norm(max(value, shown.limits[0]))) if np.isfinite(value) else 0.5
         colour = "white" if share in (0.0, 1.0) or abs(share - 0.5) > 0.42 else INK
-        axes.text(j, i, text, ha="center", va="center", fontsize=6.8, color=colour)
+        axes.text(j, i, text, ha="center", va="center", fontsize=9, color=colour)
         if shown.leaks[i][j]:
             axes.add_patch(Rectangle((j - 0.46, i - 0.44), 0.92, 0.88, fill=False, ec=INK, lw=1.2))
-    axes.set_xticks(range(len(columns)), labels=[f"{x:g}" for x in columns], fontsize=7.5)
-    axes.set_yticks(range(len(values)), labels=rows if rows is not None else [], fontsize=8)
+    axes.set_xticks(range(len(columns)), labels=[f"{x:g}" for x in columns], fontsize=9)
+    axes.set_yticks(range(len(values)), labels=rows if rows is not None else [], fontsize=9.5)
     axes.tick_params(length=0, pad=2)
     axes.spines[:].set_visible(False)
-    axes.set_title(f"{shown.title}\n{shown.label}", fontsize=8, loc="left", pad=3)
+    axes.set_title(f"{shown.title}\n{shown.label}", fontsize=9.5, loc="left", pad=3)
 
 
 def _short(value: float) -> str:

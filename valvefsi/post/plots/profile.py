@@ -55,18 +55,25 @@ def draw_profiles(path: Path, profiles: Mapping[str, Profile], *, title: str = "
     across = min(len(profiles), ACROSS)
     blocks = -(-len(profiles) // across)
     with mpl.rc_context(STYLE):
-        height = 2.3 * blocks * len(shown) + 1.7
+        height = (2.3 if blocks == 1 else 2.6) * blocks * len(shown) + 1.7
         figure = Figure(figsize=(2.35 * across + 1.0, height), dpi=160, facecolor="white")
         width = figure.get_figwidth()
-        figure.subplots_adjust(0.85 / width, 0.5 / height, 1 - 0.2 / width, 1 - 0.95 / height, 0.14, 0.42)
+        figure.subplots_adjust(
+            0.85 / width,
+            0.5 / height,
+            1 - 0.2 / width,
+            1 - 0.95 / height,
+            0.14,
+            0.42 if blocks == 1 else 0.75,
+        )
         panels = figure.subplots(blocks * len(shown), across, squeeze=False, sharey=False)
         for row in panels:
             for axes in row:
-                axes.set_axis_off()
+                axes.set_visible(False)
         for k, (name, columns) in enumerate(profiles.items()):
             for down, column in enumerate(shown):
                 axes = panels[(k // across) * len(shown) + down, k % across]
-                axes.set_axis_on()
+                axes.set_visible(True)
                 _panel(axes, columns, column, _range(profiles, column))
                 axes.set_ylabel(_told(column) if k % across == 0 else "")
                 axes.tick_params(labelleft=k % across == 0)

@@ -17,6 +17,7 @@ from valvefsi.io.solid_body import CORNERS, Body, outer_faces
 from valvefsi.post.diagnostics.shear import cell_gradient
 from valvefsi.post.plots.base import INK, MUTED, STYLE, saved
 from valvefsi.types import Array
+from valvefsi.units import MMHG
 
 DERIVED = {
     "speed": "cm/s",
@@ -29,8 +30,8 @@ DERIVED = {
 }
 """Fields that are made of the velocity, and their units."""
 UNITS = {
-    "pressure": "dyn/cm^2",
-    "mean_pressure": "dyn/cm^2",
+    "pressure": "mmHg",
+    "mean_pressure": "mmHg",
     "turbulence_kinetic_energy": "cm^2/s^2",
     "mean_velocity": "cm/s",
     "velocity": "cm/s",
@@ -113,7 +114,8 @@ def field_of(grid: GridFields, name: str, axis: int = 2) -> tuple[Array, str]:
     """
     fields = grid.fields
     if name in fields and fields[name].ndim == 3:
-        return fields[name].astype(float), UNITS.get(name, "")
+        unit = UNITS.get(name, "")
+        return fields[name].astype(float) / (MMHG if unit == "mmHg" else 1.0), unit
     vector, _, part = name.rpartition("_")
     if vector in fields and fields[vector].ndim == 4 and part in "xyz":
         return fields[vector][..., "xyz".index(part)].astype(float), UNITS.get(vector, "")

@@ -20,16 +20,22 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from valvefsi.errors import CaseError
 from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import CORNERS, Body, outer_faces, read_body
-from valvefsi.post.plots.base import DILATION, INK, STYLE, headings, saved
+from valvefsi.post.plots.base import DILATION, INK, STYLE, headings, saved, tick_texts, typeset
+from valvefsi.units import KILOPASCAL, PASCAL
 
 if TYPE_CHECKING:
     from valvefsi.types import Array, Indices
 
 HEAT = mpl.colormaps["viridis"]
+CGS = "[dyn/cm^2]"
+"""Unit of stresses in files; pictures have kPa, or Pa below `SMALL`."""
+SMALL = 1e3
+"""Largest stress that is shown in Pa [dyn/cm^2]."""
 
 
 def can_render() -> bool:
@@ -64,6 +70,9 @@ def deformed(path: Path, body: Body, *, title: str = "", caption: str = "") -> P
         The path.
     """
     name, values = body.scalar()
+    if name.endswith(CGS):
+        unit, size = ("kPa", KILOPASCAL) if np.abs(values).max(initial=0.0) > SMALL else ("Pa", PASCAL)
+        name, values = name.replace(CGS, f"[{unit}]"), values / size
     scale = _scale(name, values)
     with mpl.rc_context(STYLE):
         if body.dim == 2:
@@ -159,10 +168,11 @@ def _scale(name: str, values: Array) -> ScalarMappable:
     """Return the colour scale of a field; J and stretches diverge about 1."""
     low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
     if name.startswith("J") or "stretch" in name:
-        reach = max(abs(low - 1), abs(high - 1), 1e-6)
+        reach = max(abs(low - 1), abs(high - 1), 1e-3)
         return ScalarMappable(TwoSlopeNorm(1.0, 1 - reach, 1 + reach), DILATION)
-    if not high > low:
-        low, high = low - 0.5, low + 0.5
+    least = 2e-3 * max(abs(low), abs(high)) or 1.0  # what is the same all over has no scale of its own
+    if high - low < least:
+        low, high = (low + high - least) / 2, (low + high + least) / 2
     return ScalarMappable(Normalize(low, high), HEAT)
 
 
@@ -288,7 +298,7 @@ def _plain_space(body: Body, values: Array, scale: ScalarMappable) -> Figure:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     figure = Figure(figsize=(6.4, 7.2), dpi=160, facecolor="white")
-    axes = figure.add_axes((0.02, 0.14, 0.93, 0.74), projection="3d")
+    axes = figure.add_axes((0.02, 0.17, 0.93, 0.71), projection="3d")
     for faces in outer_faces(body):
         colours = scale.to_rgba(values[faces].mean(axis=1))
         look = {"facecolors": colours, "edgecolor": "#1b273355", "linewidth": 0.3}
@@ -297,6 +307,8 @@ def _plain_space(body: Body, values: Array, scale: ScalarMappable) -> Figure:
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set(xlabel="x [cm]", ylabel="y [cm]", zlabel="z [cm]")
     axes.set_box_aspect(np.maximum(high - low, 1e-3 * (high - low).max()))
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(3, prune="both"))
     return figure
 
 
@@ -304,9 +316,11 @@ def _bar(figure: Figure, scale: ScalarMappable, label: str) -> None:
     height = figure.get_figheight()
     place = (0.14, 0.55 / height, 0.72, 0.12 / height)
     bar = figure.colorbar(scale, cax=figure.add_axes(place), orientation="horizontal")
-    bar.set_label(label.replace("^2", "$^2$"), labelpad=3)
+    bar.set_label(typeset(label), labelpad=3)
     bar.outline.set_visible(False)
     low, high = scale.get_clim()
-    ticks = np.linspace(low, high, 5)
-    bar.set_ticks(ticks, labels=[f"{tick:.4g}" for tick in ticks])
+    even = MaxNLocator(5).tick_values(low, high)
+    even = even[(even >= low) & (even <= high)]
+    ticks = even if scale.cmap is HEAT and len(even) > 1 else np.linspace(low, high, 5)
+    bar.set_ticks(ticks, labels=tick_texts(ticks))
     bar.ax.tick_params(length=2.5, labelsize=8.5)

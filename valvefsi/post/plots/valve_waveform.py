@@ -56,7 +56,7 @@ def valve_waveforms(path: Path, waves: Mapping[str, Array], *, title: str = "", 
         rows = figure.subplots(len(panels), 1, sharex=True, height_ratios=ratios)
         height = figure.get_size_inches()[1]
         figure.subplots_adjust(
-            left=0.105, right=0.965, top=1 - 0.86 / height, bottom=0.58 / height, hspace=0.1
+            left=0.14, right=0.965, top=1 - 0.86 / height, bottom=0.58 / height, hspace=0.1
         )
         for axes, names, unit in zip(rows, panels, units, strict=False):
             _panel(axes, waves, names)
@@ -69,8 +69,9 @@ def valve_waveforms(path: Path, waves: Mapping[str, Array], *, title: str = "", 
             where = {"transform": rows[1].get_xaxis_transform(), "ha": "center", "va": "bottom"}
             rows[1].text(forward[0].mean(), 0.05, "forward flow", fontsize=8.5, color=MUTED, **where)
         rows[-1].set_xlabel("t [s]")
+        rows[-1].yaxis.label.set_size(9)
         figure.align_ylabels(list(rows))
-        headings_at(figure, 0.105, title, caption)
+        headings_at(figure, 0.14, title, caption)
         return saved(figure, path)
 
 

@@ -8,14 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 
-from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
+from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, can_be_seen, plain, saved, typeset
 from valvefsi.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
+
+
+LETTERS = 15
+"""Letters of a caption on an inch."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +53,13 @@ def circuit_fit(path: Path, picture: CircuitPicture) -> Path:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.6, 7.0), dpi=160, facecolor="white")
         above, middle, below = figure.subplots(3, 1, sharex=True, height_ratios=(3, 1.2, 1.6))
-        figure.subplots_adjust(left=0.125, right=0.89, top=0.885, bottom=0.075, hspace=0.13)
+        figure.subplots_adjust(left=0.14, right=0.89, top=0.885, bottom=0.075, hspace=0.13)
         t, p = picture.t, picture
         if p.band is not None:
             low, high = p.curve - p.band, p.curve + p.band
-            above.fill_between(t, low, high, color=LINES[0], alpha=0.22, linewidth=0, label="95 % band")
+            seen = can_be_seen(p.band, np.concatenate([p.data, p.curve]))
+            said = "95 % band" if seen else "95 % band, narrower than the line"
+            above.fill_between(t, low, high, color=LINES[0], alpha=0.22, linewidth=0, label=said)
             middle.fill_between(t, -p.band, p.band, color=LINES[0], alpha=0.22, linewidth=0)
         above.plot(t, p.data, color=INK, linewidth=0, marker="o", markersize=2.2, label="measured", zorder=2)
         above.plot(t, p.curve, color=LINES[1], linewidth=1.6, label="circuit", zorder=3)
@@ -68,8 +75,9 @@ def circuit_fit(path: Path, picture: CircuitPicture) -> Path:
             axes.margins(x=0, y=0.12)
         above.margins(x=0, y=0.16)
         below.margins(x=0, y=0.3)
+        middle.ticklabel_format(axis="y", scilimits=(-2, 4))
         figure.align_ylabels([above, middle, below])
-        headings_at(figure, 0.125, picture.title, picture.caption)
+        headings_at(figure, 0.14, picture.title, picture.caption)
         return saved(figure, path)
 
 
@@ -92,7 +100,10 @@ def _draw_inputs(axes: Axes, picture: CircuitPicture) -> None:
 
 
 def headings_at(figure: Figure, x: float, title: str, caption: str) -> None:
-    """Put a heading and a line under it at the top of a figure, from x on."""
-    height = figure.get_size_inches()[1]
-    figure.text(x, 1 - 0.36 / height, title, fontsize=12, fontweight="bold", va="baseline")
-    figure.text(x, 1 - 0.61 / height, caption, fontsize=9, color=MUTED, va="baseline")
+    """Put a heading and a line under it at the top of a figure, from x on; a long one is cut at a sentence's end."""
+    width, height = figure.get_size_inches()
+    if len(caption) > (room := int((1 - x) * width * LETTERS)):
+        short = caption[:room].rpartition(";")[0]
+        caption = short or caption[: room - 4] + " ..."
+    figure.text(x, 1 - 0.36 / height, typeset(title), fontsize=12, fontweight="bold", va="baseline")
+    figure.text(x, 1 - 0.61 / height, typeset(caption), fontsize=9, color=MUTED, va="baseline")
