@@ -20,7 +20,7 @@ from valvefsi.io.series import read_times
 
 OF_THE_CLOCK = {
     *("wall_s", "cell_steps_per_s", "phases", "seconds", "date", "peak_memory_gib", "step_ms"),
-    *("steps_per_s", "environment", "steps"),
+    *("steps_per_s", "environment", "steps", "calls"),
 }
 """Entries of JSON files that tell how long it took, where, and how many steps were taken since a restart."""
 GROWING = ("history.csv", "leaflets.csv")

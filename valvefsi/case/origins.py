@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mpi4py import MPI
-
 from valvefsi.case.circuit_tables import CircuitTable
 from valvefsi.case.includes import read_toml
 from valvefsi.case.material_tables import Material
@@ -22,9 +20,10 @@ from valvefsi.case.table import Table
 from valvefsi.case.values import FILES
 from valvefsi.errors import raise_together
 from valvefsi.io.folder import sha256, write_text
-from valvefsi.runtime.environment import environment, machine
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
     from valvefsi.case.models import Case
 
 PROVENANCE = "provenance.json"
@@ -173,6 +172,8 @@ def write_provenance(case: Case, out: Path, comm: MPI.Comm, *, resume: bool) -> 
     Note:
         Collective.
     """
+    from valvefsi.runtime.environment import environment, machine
+
     here, error = environment(comm) | {"machine": machine(), "command": sys.argv[1:]}, None
     try:
         if comm.rank == 0:

@@ -14,13 +14,13 @@ from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import MARKS, Decimal, Out, Style, Trust, read_seconds
 from valvefsi.cli.tables import number, print_table
 from valvefsi.errors import CaseError
-from valvefsi.types import Scalar
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from valvefsi.case import Case
     from valvefsi.post.valve_beat import Beat
+    from valvefsi.types import Scalar
 
 
 @dataclass(frozen=True, kw_only=True)

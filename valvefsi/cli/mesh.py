@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from valvefsi.cli.mesh_show import show, show_mesh
+from valvefsi.cli.mesh_show import show
 from valvefsi.cli.options import HELP, not_a_folder, plain
 from valvefsi.errors import CaseError
-from valvefsi.types import Scalar
+
+if TYPE_CHECKING:
+    from valvefsi.types import Scalar
 
 mesh = typer.Typer(help="Make meshes, and look at them.", **HELP)
 
@@ -97,6 +99,8 @@ def import_(
         if name in ("volume_cm3", "extent_cm"):
             shown = ", ".join(map(_short, value)) if isinstance(value, list) else _short(value)
             typer.echo(f"{name:12s} {shown}")
+    from valvefsi.cli.mesh_pictures import show_mesh
+
     made = show_mesh(out.stem, read_mesh(out, MPI.COMM_SELF), out.parent)
     typer.echo("\n".join(f"written: {path}" for path in (out, *made)))
 

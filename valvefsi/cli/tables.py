@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from valvefsi.types import Scalar
-
 if TYPE_CHECKING:
     from mpi4py import MPI
     from rich.console import Console
 
     from valvefsi.bodies.body import Entry
     from valvefsi.fitting.report import Report
+    from valvefsi.types import Scalar
 
 WIDE = 120
 STEP_UNITS = ((1.0, "s"), (1e3, "ms"), (1e6, "us"))

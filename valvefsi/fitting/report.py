@@ -274,9 +274,7 @@ class Report:
             )
             for walked in self.assessment.profiles
         ]
-        caption = (
-            "least cost over all other parameters; dashed: 95 % threshold, shaded: the interval it leaves"
-        )
+        caption = "dashed: 95 % threshold, shaded: the interval it leaves"
         return profiles_picture(path, panels, title=f"Profile likelihood, {self.model}", caption=caption)
 
 

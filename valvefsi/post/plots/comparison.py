@@ -9,10 +9,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from valvefsi.post.plots.base import GRID, INK, LINES, MUTED, STYLE, saved
+from valvefsi.post.plots.base import GRID, LINES, MUTED, STYLE, saved
 
 SMALLEST = 1e-3
 """What is nearer to its reference than this is drawn here [%]."""
+NO_ROWS = "nothing is given as a part of a reference"
 
 
 def differences(path: Path, rows: Sequence[tuple[str, str, float]], *, title: str = "") -> Path:
@@ -42,14 +43,9 @@ def differences(path: Path, rows: Sequence[tuple[str, str, float]], *, title: st
                 size, y, s=26, facecolor=filled, edgecolor=color, linewidth=1.3, zorder=2, clip_on=False
             )
             axes.annotate(
-                f"{value:+.2g} %",
-                (size, y),
-                (6, 0),
-                textcoords="offset points",
-                va="center",
-                size=7.5,
-                color=INK,
+                f"{value:+.2g} %", (size, y), (6, 0), textcoords="offset points", va="center", size=7.5
             )
+        axes.text(0.5, 0.5, "" if rows else NO_ROWS, transform=axes.transAxes, ha="center")
         axes.set(xscale="log", xlim=(SMALLEST, max(100.0, 3.0 * sizes.max(initial=0.0))), ylim=(last, 0.0))
         axes.set_yticks(places, [label for _, label, _ in rows], fontsize=8)
         for y, group in zip(places[begins], groups, strict=True):
