@@ -37,7 +37,11 @@ napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {
+    "members": True,
+    "show-inheritance": False,
+    "exclude-members": "set",
+}  # matplotlib writes it anew in each class of figures
 
 
 def setup(app: Sphinx) -> None:

@@ -30,7 +30,7 @@ from valvefsi.io.paraview import FluidSeries
 from valvefsi.io.solid_body import Body, write_body
 from valvefsi.post.valve_numbers import CycleNumbers
 from valvefsi.report import scenes, writing
-from valvefsi.report.blocks import Note, Page, Part, Section, Table, packed
+from valvefsi.report.blocks import Chapter, Note, Page, Section, Table, packed
 from valvefsi.report.folders import report
 from valvefsi.report.runs import open_run
 from valvefsi.report.words import defined, definitions
@@ -282,7 +282,7 @@ def test_what_no_page_can_be_made_of_is_refused_in_one_line(tmp_path):
 def one_table(rows):
     """A page of one table as HTML."""
     text = Section(title="s", blocks=[Note(text="n"), Table(caption="c", headings=("a", "b"), rows=rows)])
-    return html(Page(title="t", made="m", parts=[Part(title="p", about="", sections=[text])]))
+    return html(Page(title="t", made="m", parts=[Chapter(title="p", about="", sections=[text])]))
 
 
 def test_a_cell_says_what_is_missing_or_not_a_number():

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 import types
+from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from rich.console import Console
 
 import valvefsi
@@ -52,9 +54,11 @@ def file(shared_tmp, comm):
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """A run on one rank."""
-    folder = tmp_path_factory.mktemp("run")
-    (folder / "case.toml").write_text(CASE)
+    """A run, its folder the same on all ranks."""
+    folder = Path(MPI.COMM_WORLD.bcast(tmp_path_factory.mktemp("run")))
+    if MPI.COMM_WORLD.rank == 0:
+        (folder / "case.toml").write_text(CASE)
+    MPI.COMM_WORLD.barrier()
     return valvefsi.simulate(folder / "case.toml", out=folder / "out", progress=False)
 
 

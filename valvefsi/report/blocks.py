@@ -112,7 +112,7 @@ class Section:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
+class Chapter:
     """All that is said of one folder, or of two compared.
 
     Attributes:
@@ -138,7 +138,7 @@ class Page:
 
     title: str
     made: str
-    parts: Sequence[Part] = field(default_factory=tuple)
+    parts: Sequence[Chapter] = field(default_factory=tuple)
 
 
 def missing(what: str) -> Note:

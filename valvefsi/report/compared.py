@@ -16,7 +16,7 @@ from valvefsi.case.valve_views import draw_moments, moments, read_leaflets
 from valvefsi.errors import CaseError
 from valvefsi.post.valve_beat import QUANTITIES, Beat
 from valvefsi.post.valve_comparison import DEFINITIONS, Pair, compare_pair
-from valvefsi.report.blocks import Block, Cell, Figure, Note, Part, Section, Table, missing, picture
+from valvefsi.report.blocks import Block, Cell, Chapter, Figure, Note, Section, Table, missing, picture
 from valvefsi.report.results import PANELS, curve
 from valvefsi.report.runs import Run
 from valvefsi.report.scenes import MOST_FRAMES, frames_of
@@ -47,7 +47,7 @@ class Side:
     run: Run | None = None
 
 
-def compared(a: Side, b: Side, *, start: float = 0.0, shift_max: float = 7e-3) -> Part:
+def compared(a: Side, b: Side, *, start: float = 0.0, shift_max: float = 7e-3) -> Chapter:
     """Return the part of a page on two beats, the second the reference.
 
     Args:
@@ -68,7 +68,7 @@ def compared(a: Side, b: Side, *, start: float = 0.0, shift_max: float = 7e-3) -
     about = (
         "A is compared with B, the reference: the last whole cycle of a run, the mean of a record's cycles."
     )
-    return Part(title=f"{names['a']} against {names['b']}", about=about, sections=sections)
+    return Chapter(title=f"{names['a']} against {names['b']}", about=about, sections=sections)
 
 
 def _names(result: Mapping[str, Any]) -> dict[str, str]:

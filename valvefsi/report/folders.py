@@ -11,7 +11,7 @@ from valvefsi import __version__
 from valvefsi.case.valve_runs import read_run
 from valvefsi.errors import CaseError
 from valvefsi.fitting.bench_beat import read_bench_beat
-from valvefsi.report.blocks import Page, Part
+from valvefsi.report.blocks import Chapter, Page
 from valvefsi.report.compared import Side, compared
 from valvefsi.report.evidence import the_evidence
 from valvefsi.report.geometry import the_geometry
@@ -21,7 +21,7 @@ from valvefsi.report.results import numbers, pictures, warnings_of, waveforms
 from valvefsi.report.runs import Run, open_run
 from valvefsi.report.scenes import the_scene
 
-LEFT: dict[str, Callable[[Path], Part]] = {
+LEFT: dict[str, Callable[[Path], Chapter]] = {
     "fit.json": a_fit,
     "sweep.json": a_sweep,
     "compare/stage.json": a_validation,
@@ -61,7 +61,7 @@ def report(paths: Sequence[Path], options: Options | None = None) -> Page:
     options = options or Options()
     for path in paths:
         _check(path, paths)
-    parts: list[Part] = []
+    parts: list[Chapter] = []
     both = None
     if len(paths) == 2 and all(path.is_file() or _is_run(path) for path in paths):
         both = _sides(paths, options)
@@ -89,7 +89,7 @@ def _is_run(path: Path) -> bool:
     return (path / "case.toml").is_file() and (path / "history.csv").is_file()
 
 
-def _maker(path: Path) -> Callable[[Path], Part] | None:
+def _maker(path: Path) -> Callable[[Path], Chapter] | None:
     return next((make for name, make in LEFT.items() if (path / name).is_file()), None)
 
 
@@ -110,7 +110,7 @@ def _sides(paths: Sequence[Path], options: Options) -> list[Side] | None:
     return found
 
 
-def part_of(path: Path, *, trust: bool = False, scene: bool = True) -> Part:
+def part_of(path: Path, *, trust: bool = False, scene: bool = True) -> Chapter:
     """Return the part of a page on one folder.
 
     Args:
@@ -122,7 +122,7 @@ def part_of(path: Path, *, trust: bool = False, scene: bool = True) -> Part:
     return make(path) if make is not None else a_run(open_run(path, trust=trust), scene=scene)
 
 
-def a_run(run: Run, *, scene: bool = True) -> Part:
+def a_run(run: Run, *, scene: bool = True) -> Chapter:
     """Return the part on a run, with its scene or without."""
     window = None
     cycles = run.summary.get("valve", {}).get("cycles") or []
@@ -140,4 +140,4 @@ def a_run(run: Run, *, scene: bool = True) -> Part:
         pictures(run.folder),
         the_case(run),
     ]
-    return Part(title=run.title, about=f"Run in the folder {run.name}", sections=sections)
+    return Chapter(title=run.title, about=f"Run in the folder {run.name}", sections=sections)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from valvefsi.io.folder import sha256
-from valvefsi.report.blocks import Block, Cell, Note, Part, Section, Table, missing
+from valvefsi.report.blocks import Block, Cell, Chapter, Note, Section, Table, missing
 from valvefsi.report.evidence import committed
 from valvefsi.report.inputs import versions
 from valvefsi.report.results import pictures
@@ -46,7 +46,7 @@ def flat(value: object, path: str = "") -> list[tuple[str, Cell]]:
     return [(path, value if isinstance(value, str | int | float | bool) or value is None else str(value))]
 
 
-def a_fit(folder: Path) -> Part:
+def a_fit(folder: Path) -> Chapter:
     """Return the part on a fit of a material or a circuit."""
     fit = read_table(folder / "fit.json")
     given: list[Block] = [Table(caption="The fit", headings=("what", "value"), rows=_identity(fit))]
@@ -76,7 +76,7 @@ def a_fit(folder: Path) -> Part:
             ],
         ),
     ]
-    return Part(
+    return Chapter(
         title=f"Fit of {fit.get('model', folder.name)}", about=folder.resolve().name, sections=sections
     )
 
@@ -118,7 +118,7 @@ def _misfit(fit: Mapping[str, Any]) -> Block:
     )
 
 
-def a_benchmark(folder: Path) -> Part:
+def a_benchmark(folder: Path) -> Chapter:
     """Return the part on a benchmark."""
     result = read_table(folder / "result.json")
     name = str(result.get("benchmark", folder.name))
@@ -150,14 +150,14 @@ def a_benchmark(folder: Path) -> Part:
         pictures(folder),
         Section(title="Numbers", blocks=[everything]),
     ]
-    return Part(title=f"Benchmark {name}", about=folder.resolve().name, sections=sections)
+    return Chapter(title=f"Benchmark {name}", about=folder.resolve().name, sections=sections)
 
 
 def _or_dash(value: Cell) -> Cell:
     return "-" if value is None else value
 
 
-def a_sweep(folder: Path) -> Part:
+def a_sweep(folder: Path) -> Chapter:
     """Return the part on a sweep."""
     sweep = read_table(folder / "sweep.json")
     members: Sequence[Mapping[str, Any]] = sweep.get("members", ())
@@ -192,7 +192,7 @@ def a_sweep(folder: Path) -> Part:
         Section(title="Numbers of the members", blocks=_member_numbers(members)),
         pictures(folder),
     ]
-    return Part(
+    return Chapter(
         title=f"Sweep of {sweep.get('case', folder.name)}", about=folder.resolve().name, sections=sections
     )
 
@@ -211,12 +211,14 @@ def _member_numbers(members: Sequence[Mapping[str, Any]]) -> list[Block]:
     return [Table(caption=caption, headings=headings, rows=rows, folded=caption if len(rows) > FEW else "")]
 
 
-def a_validation(folder: Path) -> Part:
+def a_validation(folder: Path) -> Chapter:
     """Return the part on a validation."""
     verdict, name = read_table(folder / "compare" / "verdict.json"), folder.resolve().name
     if not verdict:
         why = missing("The stage compare has not been made: there is no verdict.json yet.")
-        return Part(title=f"Validation {name}", about="", sections=[Section(title="Verdict", blocks=[why])])
+        return Chapter(
+            title=f"Validation {name}", about="", sections=[Section(title="Verdict", blocks=[why])]
+        )
     blocks: list[Block] = [_checks(verdict)]
     blocks += [Note(text=str(line), tone="warning") for line in verdict.get("next", ())]
     text, told = "What came of each stage", flat(verdict.get("stages", {}))
@@ -229,7 +231,7 @@ def a_validation(folder: Path) -> Part:
         Section(title="Stages", blocks=[stages]),
         Section(title="Pictures", blocks=drawn or [missing("There are no pictures.")]),
     ]
-    return Part(title=f"Validation {verdict.get('title') or name}", about=name, sections=sections)
+    return Chapter(title=f"Validation {verdict.get('title') or name}", about=name, sections=sections)
 
 
 def _checks(verdict: Mapping[str, Any]) -> Table:
