@@ -216,11 +216,12 @@
       choice.addEventListener("change", () => { state.camera = choice.value; views.forEach((view) => view.turn()); });
       controls.append(element("label", {}, "seen", choice));
     }
-    const views = data.panels.map((panel) => {
+    const places = data.panels.map((panel) => { // all before the first is drawn, which would take the width of all
       const view = element("div", { className: "view" });
       panels.append(element("div", {}, element("h4", { textContent: panel.title }), view));
-      return panel.bodies ? bodies(view, panel, state) : plane(view, panel);
+      return view;
     });
+    const views = data.panels.map((panel, n) => (panel.bodies ? bodies(places[n], panel, state) : plane(places[n], panel)));
     function show(k) {
       state.at = k;
       slider.value = k;
