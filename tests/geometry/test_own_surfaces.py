@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 
 from valvefsi.errors import CaseError
 from valvefsi.geometry.aortic_section import SPACING
-from valvefsi.geometry.leaflets import pericardial
+from valvefsi.geometry.leaflets import pericardial, porcine
 from valvefsi.geometry.mesh import mesh_from_gmsh
 from valvefsi.geometry.ribbons import middle_lines
-from valvefsi.geometry.stent import WIDEST_POST, FormulaEdge, LineEdge, edge_line, stent_wall
+from valvefsi.geometry.stent import STEEPEST, WIDEST_POST, FormulaEdge, LineEdge, edge_line, stent_wall
 from valvefsi.geometry.tagged import TaggedSurfaces, gather_surfaces
 from valvefsi.geometry.tagged_files import fill_model
 from valvefsi.geometry.valve import distribute, mesh_valve
@@ -161,6 +161,36 @@ def test_the_stent_is_the_same_under_each_of_three_leaflets(h):
     c, s = math.cos(2 * math.pi / 3), math.sin(2 * math.pi / 3)
     turned = x @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     assert cKDTree(x).query(turned)[0].max() < 1e-9
+
+
+@pytest.mark.parametrize(("diameter", "h"), [(1.9, 0.1), (2.0, 0.0526), (2.3, 0.0526)])
+def test_a_stent_narrower_than_the_housing_leaves_no_slot_at_the_attachment(diameter, h):
+    """The posts too stand on the attachment's radius; on a cone of their own they miss it by up to 2 h."""
+    valve = porcine(diameter=diameter)
+    u, part = np.linspace(-1.0, 1.0, 401), np.linspace(0.0, 1.0, 101)
+    sides = [valve.surface(np.full(101, side), part) for side in (-1.0, 1.0)]
+    line = np.concatenate([valve.attachment(u), *sides])
+    x = stent_wall(FormulaEdge(valve, 0.0), -0.1, lambda phi: np.full_like(phi, 1.25), h).points
+    # Half the diagonal of a patch of half a spacing, and as much again for what the last column stands beside the side.
+    assert cKDTree(x).query(line)[0].max() < math.sqrt(0.5) * h
+    r = np.hypot(x[:, 0], x[:, 1])
+    post = np.abs((np.arctan2(x[:, 1], x[:, 0]) % (2 * math.pi / 3)) - math.pi / 3) < 1e-3 + 0.25 * h
+    knee = valve.height - valve.commissure + 0.2
+    assert r[post & (x[:, 2] > knee)] == pytest.approx(valve.radius, rel=1e-9)
+
+
+def test_the_knee_of_a_stent_rises_no_more_than_it_may():
+    """A ring with one high place: the wall beside it is a cone that ends where the low edge does."""
+    phi = np.linspace(0.0, 2.0 * math.pi, 721)
+    z = np.where(np.abs(phi - math.pi) < 0.1, 2.0, 1.0)
+    edge = LineEdge([np.stack([np.cos(phi), np.sin(phi), z], axis=1)])
+    x = stent_wall(edge, 0.0, lambda phi: np.full_like(phi, 1.5), 0.05).points
+    high = np.abs(np.arctan2(x[:, 1], -x[:, 0])) < 0.09
+    r = np.hypot(x[:, 0], x[:, 1])
+    knee = 1.0 + STEEPEST * (0.1 + 0.05 - np.abs(np.arctan2(x[:, 1], -x[:, 0])))
+    assert (high & (x[:, 2] > knee)).sum() > 20
+    assert r[high & (x[:, 2] > knee)] == pytest.approx(1.0, abs=1e-4)
+    assert x[high, 2].max() == pytest.approx(2.0)
 
 
 def ring(tilt=0.0, n=400, radius=1.1):

@@ -1,10 +1,14 @@
 """The stent of a valve: a wall from the housing's annulus up to where the leaflets are attached, and the posts.
 
-Where the edge lies at radius R(phi) and height Z(phi), the wall is straight from the housing at the annulus,
+Where the edge lies at radius R(phi) and height Z(phi), the wall is straight from the housing at the annulus up to a
+knee, and from there up to the edge,
 
-    r(phi, z) = R_0(phi) + (R(phi) - R_0(phi)) s,    s = (z - annulus) / (Z(phi) - annulus),    0 <= s <= 1,
+    r(phi, z) = R_0(phi) + (R_k(phi) - R_0(phi)) (z - annulus) / (Z_k(phi) - annulus),    annulus <= z <= Z_k,
 
-R_0 the housing's radius there: a cylinder where both are the same.
+R_0 the housing's radius there: a cylinder where both are the same. The knee is the edge itself but where that rises
+steeply, as at the ends of the posts: Z_k is the highest that nowhere rises by more than `STEEPEST`, and R_k the edge's
+radius where the rise begins. A post so stands on the radius of the leaflets' lower attachment beside it, not on a cone
+of its own that would leave a slot there.
 """
 
 from __future__ import annotations
@@ -26,8 +30,8 @@ if TYPE_CHECKING:
 
 WIDEST_POST = 30.0
 """Largest angle about the axis between the ends of two leaflets' edges that a post closes [deg]."""
-STEP = 1e-5
-"""Step of the differences that give the wall's slope along phi [rad]."""
+STEEPEST = 2.0
+"""Largest rise of the knee along the way around; leaflets' attachments below the posts rise by about 1."""
 
 
 class StentEdge(Protocol):
@@ -164,20 +168,19 @@ def stent_wall(edge: StentEdge, annulus: float, foot: Callable[[Array], Array], 
     """
     columns = 3 * math.ceil(2.0 * math.pi * edge.radius / (3 * SPACING * h))
     phi, step = 2.0 * math.pi * np.arange(columns) / columns, 2.0 * math.pi / columns
-    (R, Z), R_0 = edge.at(phi), foot(phi)
-    rise = np.maximum(Z - annulus, 1e-9)
-    sides = [(edge.at(phi + e), foot(phi + e)) for e in (-STEP, STEP)]
+    r_of, z_of = _profiles(edge, annulus, foot(phi), phi)
     points, areas, normals = [], [], []
     for k in range(columns):
-        length = math.hypot(rise[k], R[k] - R_0[k])
+        length = np.hypot(np.diff(r_of[k]), np.diff(z_of[k])).sum()
         n = max(2, math.ceil(length / (SPACING * h)) + 1)
-        z = np.linspace(annulus, Z[k], n)
-        r = R_0[k] + (R[k] - R_0[k]) * np.linspace(0.0, 1.0, n)
-        across = [r0[k] + (rz[0][k] - r0[k]) * (z - annulus) / rise[k] for rz, r0 in sides]
-        along = (across[1] - across[0]) / (2 * STEP * r)
-        normal, area = _normal(phi[k], along, (R[k] - R_0[k]) / rise[k])
+        z = np.linspace(annulus, z_of[k, -1], n)
+        before, r, after = (np.interp(z, z_of[j % columns], r_of[j % columns]) for j in (k - 1, k, k + 1))
+        slopes = np.diff(r_of[k]) / np.maximum(np.diff(z_of[k]), 1e-9)
+        normal, area = _normal(
+            phi[k], (after - before) / (2 * step * r), slopes[(z > z_of[k, 1]).astype(int)]
+        )
         points.append(np.stack([r * math.cos(phi[k]), r * math.sin(phi[k]), z], axis=1))
-        share = np.full(n, rise[k] / (n - 1))
+        share = np.full(n, (z[-1] - annulus) / (n - 1))
         share[[0, -1]] *= 0.5
         areas.append(step * r * share * area)
         normals.append(normal)
@@ -189,10 +192,21 @@ def stent_wall(edge: StentEdge, annulus: float, foot: Callable[[Array], Array], 
     )
 
 
-def _normal(phi: float, along: Array, up: float) -> tuple[Array, Array]:
+def _profiles(edge: StentEdge, annulus: float, foot: Array, phi: Array) -> tuple[Array, Array]:
+    """Return distance from the axis and z of the wall's foot, knee and edge at azimuths, ``(n, 3)`` each [cm]."""
+    R, Z = edge.at(phi)
+    Z = np.maximum(Z, annulus + 1e-9)
+    apart = np.abs((phi[:, None] - phi[None, :] + math.pi) % (2.0 * math.pi) - math.pi)
+    reached = Z + STEEPEST * edge.radius * apart
+    lowest = reached.argmin(axis=1)
+    knee = reached[np.arange(len(phi)), lowest]
+    return np.stack([foot, R[lowest], R], axis=1), np.stack([np.full_like(Z, annulus), knee, Z], axis=1)
+
+
+def _normal(phi: float, along: Array, up: Array) -> tuple[Array, Array]:
     """Return unit normals away from the axis and areas per dphi dz / r, of the slopes dr/(r dphi) and dr/dz."""
     c, s = math.cos(phi), math.sin(phi)
-    n = np.stack([c + s * along, s - c * along, np.full_like(along, -up)], axis=1)
+    n = np.stack([c + s * along, s - c * along, -up], axis=1)
     size = np.linalg.norm(n, axis=1)
     return n / size[:, None], size
 
