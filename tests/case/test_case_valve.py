@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +144,22 @@ def test_the_table_of_a_valve_says_place_size_and_layers():
     assert moved == pytest.approx(ends + 0.3)
     assert made(layers=2)[0] == 2 * cells
     assert made(h=0.1, ratio=1.5)[0] == cells < made(ratio=0.5)[0]
+
+
+def test_leaflets_away_from_their_stent_are_warned_of(shared_tmp, monkeypatch, comm):
+    case = coarse(2)
+    grid = build(case, shared_tmp).model.grid
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        build_rigid(case, grid)
+    monkeypatch.setattr("valvefsi.case.valve.SEAM", 0.01)
+    if comm.rank == 0:
+        with pytest.warns(
+            UserWarning, match=r"beside the leaflets: .* is 0\.\d\d h from .* at most 0\.01 h is safe"
+        ):
+            build_rigid(case, grid)
+    else:
+        build_rigid(case, grid)
 
 
 def test_the_housing_has_its_stent_and_is_held_as_firmly_as_asked(shared_tmp):

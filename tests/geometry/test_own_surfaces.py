@@ -15,7 +15,15 @@ from valvefsi.geometry.aortic_section import SPACING
 from valvefsi.geometry.leaflets import pericardial, porcine
 from valvefsi.geometry.mesh import mesh_from_gmsh
 from valvefsi.geometry.ribbons import middle_lines
-from valvefsi.geometry.stent import STEEPEST, WIDEST_POST, FormulaEdge, LineEdge, edge_line, stent_wall
+from valvefsi.geometry.stent import (
+    STEEPEST,
+    WIDEST_POST,
+    FormulaEdge,
+    LineEdge,
+    edge_line,
+    stent_wall,
+    widest_seam,
+)
 from valvefsi.geometry.tagged import TaggedSurfaces, gather_surfaces
 from valvefsi.geometry.tagged_files import fill_model
 from valvefsi.geometry.valve import distribute, mesh_valve
@@ -167,16 +175,32 @@ def test_the_stent_is_the_same_under_each_of_three_leaflets(h):
 def test_a_stent_narrower_than_the_housing_leaves_no_slot_at_the_attachment(diameter, h):
     """The posts too stand on the attachment's radius; on a cone of their own they miss it by up to 2 h."""
     valve = porcine(diameter=diameter)
-    u, part = np.linspace(-1.0, 1.0, 401), np.linspace(0.0, 1.0, 101)
-    sides = [valve.surface(np.full(101, side), part) for side in (-1.0, 1.0)]
-    line = np.concatenate([valve.attachment(u), *sides])
-    x = stent_wall(FormulaEdge(valve, 0.0), -0.1, lambda phi: np.full_like(phi, 1.25), h).points
+    edge = FormulaEdge(valve, 0.0)
+    x = stent_wall(edge, -0.1, lambda phi: np.full_like(phi, 1.25), h).points
     # Half the diagonal of a patch of half a spacing, and as much again for what the last column stands beside the side.
-    assert cKDTree(x).query(line)[0].max() < math.sqrt(0.5) * h
+    assert widest_seam(edge, x)[0] < math.sqrt(0.5) * h
     r = np.hypot(x[:, 0], x[:, 1])
     post = np.abs((np.arctan2(x[:, 1], x[:, 0]) % (2 * math.pi / 3)) - math.pi / 3) < 1e-3 + 0.25 * h
     knee = valve.height - valve.commissure + 0.2
     assert r[post & (x[:, 2] > knee)] == pytest.approx(valve.radius, rel=1e-9)
+
+
+def test_the_seam_is_the_distance_of_the_attachment_from_the_walls_where_it_is_widest():
+    valve = porcine(diameter=2.0)
+    edge = FormulaEdge(valve, 0.3)
+    lines = edge.attached()
+    expected = [valve.attachment(np.array([0.0]))[0], valve.free_edge(np.array([-1.0]))[0]]
+    for x in expected:
+        assert cKDTree(np.concatenate(lines)).query(x + [0.0, 0.0, 0.3])[0] < 0.01
+    for line in lines:
+        assert np.hypot(line[:, 0], line[:, 1]) == pytest.approx(1.0)
+        assert (line[:, 2].min(), line[:, 2].max()) == pytest.approx((0.3, 0.3 + valve.height), abs=1e-4)
+    everywhere = np.concatenate(lines)
+    hole = np.linalg.norm(everywhere - everywhere[50], axis=1) < 0.1
+    apart, place = widest_seam(edge, everywhere[~hole])
+    assert apart == pytest.approx(0.1, abs=0.02)
+    np.testing.assert_allclose(place, everywhere[50], atol=0.02)
+    assert widest_seam(LineEdge([ring()]), ring() + [0.0, 0.0, 0.2])[0] == pytest.approx(0.2)
 
 
 def test_the_knee_of_a_stent_rises_no_more_than_it_may():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -23,7 +24,7 @@ from valvefsi.geometry.aortic_section import PointSurface, joined
 from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.geometry.patches import patch_labels
 from valvefsi.geometry.ribbons import MiddleLine, middle_lines, middle_of
-from valvefsi.geometry.stent import FormulaEdge, LineEdge, StentEdge, edge_line, stent_wall
+from valvefsi.geometry.stent import FormulaEdge, LineEdge, StentEdge, edge_line, stent_wall, widest_seam
 from valvefsi.geometry.tagged import TaggedSurfaces, gather_surfaces
 from valvefsi.geometry.wall import radius_at, read_wall, wall_points
 from valvefsi.grid import MacGrid
@@ -35,6 +36,9 @@ KERNEL = "composite_bspline32"
 
 LINE = 720
 """Points around the axis that mark where the leaflets are attached."""
+
+SEAM = 0.75
+"""Largest distance of the attached edge from the walls' points, in spacings, that their kernels close."""
 
 ROUND = 0.2
 """Largest difference of the mean distance of the attached edge from the axis to half of the diameter, as a part."""
@@ -291,9 +295,23 @@ def _patched_section(
         edge = _stent_edge(case, housing, edges)
         surfaces.append(stent_wall(edge, housing.annulus, radius, h))
         seam = edge_line(edge, LINE)
+        if comm.rank == 0:
+            _say_seam(edge, joined(*surfaces).points, h)
     labels = patch_labels(surfaces, h, ends, seam)
     whole = joined(*surfaces)
     return whole.moved(h * surface_offset(KERNEL, whole.normals, (0.0, 0.0, 1.0))), labels
+
+
+def _say_seam(edge: StentEdge, points: Array, h: float) -> None:
+    """Warn where the leaflets' attachment is away from the walls, so that fluid passes between them."""
+    apart, x = widest_seam(edge, points)
+    if apart > SEAM * h:
+        place = ", ".join(f"{value:.3g}" for value in x)
+        warnings.warn(
+            f"fluid may leak beside the leaflets: their attached edge is {apart / h:.2f} h from the stent and the "
+            f"housing at ({place}) cm, at most {SEAM:g} h is safe",
+            stacklevel=2,
+        )
 
 
 def _wall(

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from valvefsi.geometry.leaflets import ValveGeometry
     from valvefsi.types import Array
 
+LINE = 101
+"""Points along each part of a formula's attachment."""
 WIDEST_POST = 30.0
 """Largest angle about the axis between the ends of two leaflets' edges that a post closes [deg]."""
 STEEPEST = 2.0
@@ -49,6 +51,10 @@ class StentEdge(Protocol):
 
     def at(self, phi: Array) -> tuple[Array, Array]:
         """Return distance from the axis and z at azimuths, ``(n,)`` each [cm]."""
+        ...
+
+    def attached(self) -> Sequence[Array]:
+        """Return points of the lines at which leaflets are attached, ``(n, 3)`` each [cm]."""
         ...
 
 
@@ -78,6 +84,15 @@ class FormulaEdge:
         """Return distance from the axis and z at azimuths, ``(n,)`` each [cm]."""
         return np.full_like(phi, self.valve.radius), self.height + stent_height(self.valve, phi)
 
+    def attached(self) -> list[Array]:
+        """Return points of the three lower attachments with the sides at the posts, ``(n, 3)`` each [cm]."""
+        ends, along = np.ones(LINE), np.linspace(0.0, 1.0, LINE)
+        sides = [self.valve.surface(end * ends, along) for end in (-1.0, 1.0)]
+        line = np.concatenate([sides[0][::-1], self.valve.attachment(2.0 * along - 1.0), sides[1]])
+        line[:, 2] += self.height
+        turns = [(math.cos(a), math.sin(a)) for a in 2.0 * math.pi / 3.0 * np.arange(3)]
+        return [line @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) for c, s in turns]
+
 
 class LineEdge:
     """The attachment of leaflets of one's own: lines around the axis, with straight posts between their ends.
@@ -97,6 +112,7 @@ class LineEdge:
         phi = [turn for turn, _ in parts]
         rz = [np.stack([np.hypot(x[:, 0], x[:, 1]), x[:, 2]], axis=1) for _, x in parts]
         self._check(phi)
+        self._lines = list(lines)
         ends = [(k, (k + 1) % len(parts)) for k in range(len(parts))]
         if len(parts) > 1 or phi[0][-1] - phi[0][0] < 2.0 * math.pi - 1e-9:
             for a, b in ends:
@@ -137,6 +153,10 @@ class LineEdge:
         best = np.where(inside, rz[..., 1], -np.inf).argmax(axis=0)
         found = rz[best, np.arange(len(phi))]
         return found[:, 0], found[:, 1]
+
+    def attached(self) -> list[Array]:
+        """Return the lines, without the posts, ``(n, 3)`` each [cm]."""
+        return self._lines
 
     @staticmethod
     def _check(phi: Sequence[Array]) -> None:
@@ -229,3 +249,17 @@ def edge_line(edge: StentEdge, num_points: int) -> Array:
     phi = 2.0 * math.pi * np.arange(num_points) / num_points
     r, z = edge.at(phi)
     return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
+
+
+def widest_seam(edge: StentEdge, points: Array) -> tuple[float, Array]:
+    """Return how far the leaflets' attachment is from the points of walls at most, and where, both [cm].
+
+    Args:
+        edge: The upper edge of the stent, with the lines at which leaflets are attached.
+        points: Points of the walls at most half a spacing apart, ``(n, 3)`` [cm].
+    """
+    from scipy.spatial import cKDTree
+
+    line = np.concatenate(edge.attached())
+    apart = cKDTree(points).query(line)[0]
+    return float(apart.max()), line[apart.argmax()]
