@@ -12,9 +12,9 @@ from mpi4py import MPI
 from valvefsi.case import load_case
 from valvefsi.case.build import build, run_case
 from valvefsi.case.meshes import valve_mesh
-from valvefsi.case.valve import build_rigid
 from valvefsi.case.valve_report import report_valve
 from valvefsi.case.valve_tables import ValveShape
+from valvefsi.case.walls import build_rigid
 from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.errors import CaseError
 from valvefsi.geometry.leaflets import pericardial
