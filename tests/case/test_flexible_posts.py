@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.case.own_leaflets import own as own_leaflets
+from tests.case.own_leaflets import written
 from tests.case.test_case_valve import DEMO, coarse
 from valvefsi import fsi
 from valvefsi.bodies.on_posts import OnPosts
@@ -109,6 +111,17 @@ def test_a_run_reports_its_posts_and_goes_on_from_a_checkpoint(shared_tmp):
     assert numbers["posts"]["post_2"]["t_s"] == expected["t_s"][int(np.argmax(expected[names[1]]))]
     assert "towards the axis" in numbers["definitions"]["posts"]
     assert "posts" not in report_numbers(coarse(4, *SHUT), shared_tmp / "whole")["valve"]
+
+
+def test_leaflets_of_a_file_stand_on_the_same_posts(models, shared_tmp):
+    body, own = (
+        models[0].bodies[0],
+        build(own_leaflets(written(shared_tmp), FIRM), shared_tmp).model.bodies[0],
+    )
+    assert isinstance(own, OnPosts)
+    np.testing.assert_allclose(own.places.azimuths, body.places.azimuths, atol=0.01)
+    np.testing.assert_allclose(own.places.lengths, body.places.lengths, rtol=0.05)
+    np.testing.assert_allclose(own.edge.total, body.edge.total, rtol=0.1)
 
 
 def inward_pull(model, state, posts):
