@@ -158,11 +158,11 @@ def test_springs_in_series_hold_a_block_that_is_pushed_inwards():
     )  # on the side of the block, from s = 0.25 to 1, 0.5 wide
     z = np.linspace(0.75, 1.5, 4) - PLACES.foot  # nodes, with half the weight at the ends
     weights = 0.5 * 0.25 * np.array([0.5, 1.0, 1.0, 0.5])
-    hung, pull = TETHER * weights @ phi(z) ** 2, TETHER * weights @ phi(z) * d
+    edge, pull = TETHER * weights @ phi(z) ** 2, TETHER * weights @ phi(z) * d
     walls = KAPPA * body.comm.allreduce(
         (body.stent.springs * body.stent.shape / KAPPA)[PLACES.nearest(body.wall.X) == 0].sum()
     )
-    expected = pull / (BAR.stiffness + hung + walls)
+    expected = pull / (BAR.stiffness + edge + walls)
     np.testing.assert_allclose(body.motion(q), [[expected, 0.0], [0.0, 0.0]], rtol=1e-6, atol=1e-9)
 
 

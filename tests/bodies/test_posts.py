@@ -9,25 +9,25 @@ import pytest
 from mpi4py import MPI
 
 from tests.ordering import assert_order
-from valvefsi.bodies.posts import Hung, Oscillator
+from valvefsi.bodies.posts import Attachment, Oscillator
 
 NOTHING = np.zeros((1, 2))
 
 
-def swing(bar, motion, load, dt, steps, hung=NOTHING):
+def swing(bar, motion, load, dt, steps, attachment=NOTHING):
     """Steps of one post under a constant load: q and q' after each, ``(steps + 1, 2)``."""
     states = [np.array([motion])]
     for _ in range(steps):
-        middle = bar.midpoint(states[-1], np.array([load]), hung, dt)
+        middle = bar.midpoint(states[-1], np.array([load]), attachment, dt)
         states.append(2.0 * middle - states[-1])
     return np.array(states)[:, 0]
 
 
-def hung(rng, count=3, points=40):
+def attachment(rng, count=3, points=40):
     """Points on posts, held by springs and dampers of different strength along the axes."""
     post, shape = rng.integers(0, count, points), rng.standard_normal((points, 3))
     stiff, damp = rng.uniform(0.5, 2.0, (2, points, 3))
-    held = Hung(post, shape, stiff * shape, damp * shape, count=count, comm=MPI.COMM_SELF)
+    held = Attachment(post, shape, stiff * shape, damp * shape, count=count, comm=MPI.COMM_SELF)
     return held, stiff, damp
 
 
@@ -63,7 +63,7 @@ def test_a_free_post_without_damper_keeps_its_energy_to_round_off():
 def test_what_posts_springs_and_fluid_exchange_balances_to_round_off():
     """Points carried by a velocity U: work on the fluid, what is stored and what the dampers take add up to nothing."""
     rng, dt, bar = np.random.default_rng(3), 0.3, Oscillator(mass=0.7, stiffness=3.0, damping=0.4)
-    held, stiff, damp = hung(rng)
+    held, stiff, damp = attachment(rng)
     motion, d, U = rng.standard_normal((3, 2)), *rng.standard_normal((2, 40, 3))
     at = d + 0.5 * dt * U
     still = -stiff * at - damp * U
@@ -74,7 +74,7 @@ def test_what_posts_springs_and_fluid_exchange_balances_to_round_off():
         return bar.energy(motion) + 0.5 * np.vdot(stiff * d, d) + held.energy(motion, d)
 
     assert stored(motion, d) == pytest.approx(
-        bar.energy(motion) + 0.5 * (stiff * (d - held.moved(motion)) ** 2).sum()
+        bar.energy(motion) + 0.5 * (stiff * (d - held.shift(motion)) ** 2).sum()
     )
     slip = U - held.shape * middle[held.post, 1:]
     lost = dt * (0.4 * (middle[:, 1] ** 2).sum() + (damp * slip**2).sum())
@@ -90,10 +90,10 @@ def test_what_posts_springs_and_fluid_exchange_balances_to_round_off():
 
 def test_what_hangs_on_posts_adds_up_over_parts():
     rng = np.random.default_rng(5)
-    held, _, _ = hung(rng)
+    held, _, _ = attachment(rng)
     F = rng.standard_normal((40, 3))
     parts = [
-        Hung(held.post[p], held.shape[p], held.springs[p], held.dampers[p], count=3, comm=MPI.COMM_SELF)
+        Attachment(held.post[p], held.shape[p], held.springs[p], held.dampers[p], count=3, comm=MPI.COMM_SELF)
         for p in (slice(0, 25), slice(25, 40), slice(40, 40))
     ]
     np.testing.assert_allclose(sum(p.total for p in parts), held.total)
@@ -108,7 +108,7 @@ def test_beside_a_mass_of_fluid_posts_of_any_mass_and_stiffness_leave_the_step_i
 ):
     """A unit mass of fluid and a step of one: stable for spring + 2 damper < 4 where the post stands still."""
     unit = np.ones((1, 3)) / math.sqrt(3.0)
-    held = Hung(np.zeros(1, np.int64), unit, spring * unit, damper * unit, count=1, comm=MPI.COMM_SELF)
+    held = Attachment(np.zeros(1, np.int64), unit, spring * unit, damper * unit, count=1, comm=MPI.COMM_SELF)
     worst = 0.0
     for m in np.logspace(-4, 3, 29):
         for k in np.logspace(-4, 4, 17):

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from valvefsi.bodies.body import BodyBase, Entry, Series, SmallMotion
-from valvefsi.bodies.posts import Hung
+from valvefsi.bodies.posts import Attachment
 from valvefsi.bodies.rigid import RigidHalf
 from valvefsi.geometry.stent_posts import MEAN_SHAPE
 from valvefsi.runtime.clock import TimedCoupling
@@ -111,14 +111,16 @@ class OnPosts(BodyBase):
         if not self.comm.allreduce(float(self.spring.sum())) > 0.0:
             raise ValueError(f"no tether holds {leaflets.name} on {', '.join(tags)} alone")
         shape = places.shape(self.X)
-        self.edge = self._hung(self.X, self.spring * shape, self.damper * shape)
+        self.edge = self._attachment(self.X, self.spring * shape, self.damper * shape)
         shape, still = places.shape(wall.X), np.zeros_like(wall.X)
-        self.stent = self._hung(wall.X, wall.force(-shape, still), wall.force(still, -shape))
+        self.stent = self._attachment(wall.X, wall.force(-shape, still), wall.force(still, -shape))
         self.total = self.edge.total + self.stent.total
 
-    def _hung(self, X: Array, springs: Array, dampers: Array) -> Hung:
+    def _attachment(self, X: Array, springs: Array, dampers: Array) -> Attachment:
         place = self.places
-        return Hung(place.nearest(X), place.shape(X), springs, dampers, count=self.count, comm=self.comm)
+        return Attachment(
+            place.nearest(X), place.shape(X), springs, dampers, count=self.count, comm=self.comm
+        )
 
     def rows(self, key: str) -> tuple[Indices, int]:
         """Return the numbers of this rank's rows of a table, and how many all ranks have, see `BodyBase`."""
@@ -133,7 +135,7 @@ class OnPosts(BodyBase):
 
     def _state(self, leaflets: Table, motion: Array) -> Table:
         """Return the state with posts that have moved and a wall that nothing loads (collective)."""
-        d = self.wall.held(self.stent.moved(motion))
+        d = self.wall.held(self.stent.shift(motion))
         return {**leaflets, "d": d, "posts": motion[self.rows("posts")[0]]}
 
     def start(self, u: Faces) -> Table:
@@ -167,7 +169,7 @@ class OnPosts(BodyBase):
 
     def _at(self, motion: Array) -> Transfer:
         """Return spreading and interpolation of the wall where the posts are (collective)."""
-        return self.coupling.at(self.wall.X + self.stent.moved(motion))
+        return self.coupling.at(self.wall.X + self.stent.shift(motion))
 
     def timed(self, table: dict[str, float]) -> Self:
         """Return the body with clocks around its parts."""

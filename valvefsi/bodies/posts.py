@@ -56,17 +56,17 @@ class Oscillator:
             message = "expected mass > 0, stiffness > 0 and damping >= 0"
             raise ValueError(f"{message}, got {self.mass}, {self.stiffness}, {self.damping}")
 
-    def midpoint(self, motion: Array, load: Array, hung: Array, dt: float) -> Array:
+    def midpoint(self, motion: Array, load: Array, attached: Array, dt: float) -> Array:
         """Return q and q' at the middle of a step, ``(m, 2)`` [cm, cm/s].
 
         Args:
             motion: q and q' at its beginning, ``(m, 2)`` [cm, cm/s].
             load: Q, ``(m,)`` [dyn].
-            hung: K and C, ``(m, 2)`` [dyn/cm, dyn s/cm].
+            attached: K and C, ``(m, 2)`` [dyn/cm, dyn s/cm].
             dt: Its length [s].
         """
         (q, v), inertia = motion.T, 2.0 * self.mass / dt
-        k, c = self.stiffness + hung[:, 0], self.damping + hung[:, 1]
+        k, c = self.stiffness + attached[:, 0], self.damping + attached[:, 1]
         w = (inertia * v + load - k * q) / (inertia + c + 0.5 * dt * k)
         return np.stack([q + 0.5 * dt * w, w], axis=1)
 
@@ -75,7 +75,7 @@ class Oscillator:
         return float(0.5 * (motion**2 @ np.array([self.stiffness, self.mass])).sum())
 
 
-class Hung:
+class Attachment:
     """What hangs on posts: this rank's points.
 
     Args:
@@ -115,7 +115,7 @@ class Hung:
         F: Array = self.springs * q[:, None] + self.dampers * v[:, None]
         return F
 
-    def moved(self, motion: Array) -> Array:
+    def shift(self, motion: Array) -> Array:
         """Return how far posts with q and q' have moved the points, ``(n, 3)`` [cm]."""
         d: Array = self.shape * motion[self.post, :1]
         return d
@@ -127,4 +127,4 @@ class Hung:
             motion: q and q', ``(m, 2)``.
             d: Displacements of the points, ``(n, 3)`` [cm].
         """
-        return float(np.vdot(self.springs * motion[self.post, :1], 0.5 * self.moved(motion) - d))
+        return float(np.vdot(self.springs * motion[self.post, :1], 0.5 * self.shift(motion) - d))
