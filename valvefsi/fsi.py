@@ -46,7 +46,7 @@ class State:
         u: Velocity on the faces at t, ghosts filled [cm/s].
         p: Pressure in the cells at t - dt/2, ghosts filled [dyn/cm^2].
         N: Advection term at t - dt [cm/s^2].
-        bodies: State of each body at t, arrays ``(n, 3)`` by name.
+        bodies: State of each body at t, arrays by name: of its points ``(n, 3)``, see `BodyBase.rows` for others.
         circuits: State of the circulation at t, the same on all ranks, ``(num_states,)``.
         given: What each body has given to the fluid, the same on all ranks, ``(num_bodies, 4)``: three components of
             impulse [dyn s], and work [erg]. Nothing depends on it.

@@ -38,7 +38,7 @@ Faces = tuple[Array, ...]
 """A field on the faces of the staggered grid: one local array with ghost layers per axis, ``(nx, ny, nz)`` each."""
 
 Table = dict[str, Array]
-"""The state of one body by name: ``chi``, with excess mass also ``Y`` and ``V``; ``d`` of a rigid surface."""
+"""The state of a body by name: ``chi``, with excess mass also ``Y`` and ``V``; ``d`` of rigid surfaces; ``posts``."""
 
 Waveform = Callable[[float], float]
 """A quantity as a function of time [s]."""

@@ -13,9 +13,9 @@ from mpi4py import MPI
 from valvefsi.case import load_case
 from valvefsi.case.build import build, run_case
 from valvefsi.case.meshes import valve_mesh
-from valvefsi.case.valve import build_rigid
 from valvefsi.case.valve_report import report_valve
 from valvefsi.case.valve_tables import ValveShape
+from valvefsi.case.walls import build_rigid
 from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.errors import CaseError
 from valvefsi.geometry.leaflets import pericardial
@@ -152,7 +152,7 @@ def test_leaflets_away_from_their_stent_are_warned_of(shared_tmp, monkeypatch, c
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         build_rigid(case, grid)
-    monkeypatch.setattr("valvefsi.case.valve.SEAM", 0.01)
+    monkeypatch.setattr("valvefsi.case.walls.SEAM", 0.01)
     if comm.rank == 0:
         with pytest.warns(
             UserWarning, match=r"beside the leaflets: .* is 0\.\d\d h from .* at most 0\.01 h is safe"

@@ -13,7 +13,8 @@ from tests.case.own_leaflets import STENTLESS, demo_leaflets, own, tube, write_s
 from tests.case.test_case_valve import coarse
 from valvefsi.case.build import build, build_solid, run_case
 from valvefsi.case.meshes import solid_mesh
-from valvefsi.case.valve import build_rigid, check_leaflets
+from valvefsi.case.valve import check_leaflets
+from valvefsi.case.walls import build_rigid
 from valvefsi.errors import CaseError
 from valvefsi.geometry.mesh import _quiet_gmsh
 from valvefsi.geometry.tagged_files import fill_model, write_model

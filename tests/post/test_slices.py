@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -13,7 +16,7 @@ from valvefsi.errors import CaseError
 from valvefsi.io.grid_files import GridFields, nearest_time, read_grid, times_of
 from valvefsi.io.paraview import FluidSeries, SolidSeries
 from valvefsi.io.solid_body import Body
-from valvefsi.post.movies import draw_movie, draw_plane
+from valvefsi.post.movies import draw_movie, draw_plane, find_ffmpeg
 from valvefsi.post.plots.slice import Plane, cut, field_of, outline, scale_of
 from valvefsi.units import MMHG
 
@@ -159,6 +162,55 @@ def test_pictures_and_movies_are_made(written):
         draw_movie(folder, folder / "m.avi", plane=None, field="speed")
     with pytest.raises(CaseError, match="needs a plane"):
         draw_plane(folder, folder, plane=None, field="speed")
+
+
+@pytest.mark.parametrize("first", [-1.0, 0.0])
+def test_a_gif_has_the_colours_of_the_scale_and_of_the_text_as_nearly_as_the_eye_sees(tmp_path, first):
+    """A field of a thousand values from end to end of the scale, with a zero in its middle and without."""
+    place, cells = tmp_path / "paraview", (1000, 250, 1)
+    place.mkdir()
+    series = FluidSeries(
+        place, "fluid", MPI.COMM_SELF, cells, (0, 0, 0), cells, ((0, 0, 0), (0.001, 0.001, 1))
+    )
+    ramp = np.broadcast_to(np.linspace(first, 1.0, 1000)[:, None, None], cells)
+    for t in (0.0, 0.1):
+        series.write(t, np.ones((*cells, 3)), 2e5 * ramp)
+    frame = draw_plane(tmp_path, tmp_path, plane=None, field="pressure")
+    draw_movie(tmp_path, tmp_path / "m.gif", plane=None, field="pressure")
+    with Image.open(frame) as image:
+        exact = np.asarray(image.convert("RGB")).astype(int)
+    with Image.open(tmp_path / "m.gif") as image:
+        assert image.n_frames == 2
+        image.seek(1)
+        shown = np.asarray(image.convert("RGB")).astype(int)
+    apart = np.abs(exact - shown).max(axis=2)  # of 255
+    assert np.percentile(apart, 99) <= 4
+    row = exact.shape[0] // 2
+    coloured = np.ptp(exact[row], axis=1) > 20
+    assert coloured.sum() > 600
+    assert np.percentile(apart[row, coloured], 99) <= 4
+    assert len(np.unique(shown[row, coloured], axis=0)) > 190
+
+
+def test_an_mp4_is_made_by_the_ffmpeg_of_a_package_where_the_system_has_none(tmp_path, monkeypatch):
+    program = tmp_path / "ffmpeg-own"
+    program.write_text('#!/bin/sh\nfor last; do :; done\n/bin/cat > "$last"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    folder = plane_run(tmp_path / "run", body=False)
+    with pytest.raises(CaseError, match=r"an \.mp4 needs ffmpeg.*valvefsi\[movies\].*a \.gif does not"):
+        draw_movie(folder, tmp_path / "m.mp4", plane=None, field="speed")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", SimpleNamespace(get_ffmpeg_exe=lambda: str(program)))
+    made = draw_movie(folder, tmp_path / "m.mp4", plane=None, field="speed")
+    assert made.stat().st_size % 3 == 0  # the frames as they were handed over
+    assert made.stat().st_size > 3 * 300 * 300
+
+    def none():
+        raise RuntimeError("no ffmpeg in the package")
+
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", SimpleNamespace(get_ffmpeg_exe=none))
+    assert find_ffmpeg() is None
 
 
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="a command of one rank")

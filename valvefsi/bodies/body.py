@@ -89,6 +89,14 @@ class BodyBase(ABC):
     num_points: int
     solid: Structure | None = None
 
+    def rows(self, key: str) -> tuple[Indices, int]:
+        """Return the numbers of this rank's rows of a table of its state, and how many all ranks have.
+
+        Args:
+            key: Which table; those of its points by default.
+        """
+        return self.ids, self.num_points
+
     @abstractmethod
     def start(self, u: Faces) -> Table:
         """Return the state at t = 0, see `valvefsi.types.Body`. Collective."""

@@ -28,9 +28,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticHalf:
-    """An elastic body halfway through a step: positions at its beginning, forces and transfer at its middle."""
+    """An elastic body halfway through a step: positions at its beginning and its middle, forces and transfer there."""
 
     chi: Array
+    chi_half: Array
     force: Array
     transfer: Transfer
     slip: Slip | None
@@ -105,7 +106,7 @@ class Elastic(BodyBase):
         chi_half = chi + 0.5 * dt * U
         transfer = self.coupling.at(chi_half)
         force = self.solid.force(chi_half, U, t + 0.5 * dt)
-        return ElasticHalf(chi=chi, force=force, transfer=transfer, slip=self.slip, dt=dt)
+        return ElasticHalf(chi=chi, chi_half=chi_half, force=force, transfer=transfer, slip=self.slip, dt=dt)
 
     def timed(self, table: dict[str, float]) -> Self:
         """Return the body with clocks around its elastic force and its coupling."""

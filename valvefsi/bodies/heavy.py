@@ -119,6 +119,7 @@ class Heavy(Elastic):
         V_new = V - dt * penalty / self.mass
         return HeavyHalf(
             chi=chi,
+            chi_half=chi_half,
             force=force,
             transfer=transfer,
             slip=self.slip,

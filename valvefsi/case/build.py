@@ -10,7 +10,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from valvefsi.bodies.body import BodyBase, Entry
+from valvefsi.bodies.body import Entry
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.heavy import Heavy
 from valvefsi.bodies.slip import DarcySlip, Slip, UnresolvedSlip
@@ -26,8 +26,9 @@ from valvefsi.case.reading import load_case
 from valvefsi.case.resuming import check_start, clear, provenance_of, run_folder
 from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
 from valvefsi.case.target import at_target, plan_target, target_numbers
-from valvefsi.case.valve import build_rigid, check_leaflets, find_orifice
+from valvefsi.case.valve import check_leaflets, find_orifice
 from valvefsi.case.valve_report import report_valve
+from valvefsi.case.walls import build_rigid, on_posts
 from valvefsi.case.writing import to_toml
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
@@ -78,11 +79,10 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD, changes: Chang
     grid = build_grid(case, comm)
     fluid = build_fluid(case, grid)
     meshes = {k: solid_mesh(case, k, comm) for k in range(len(case.solid))}
-    rigid = build_rigid(
-        case, grid, check_leaflets(case, meshes)
-    )  # first: it says what is wrong with own leaflets
+    edges = check_leaflets(case, meshes)
+    rigid = build_rigid(case, grid, edges)  # first: it says what is wrong with own leaflets
     elastic = [
-        _body(fluid, given, build_solid(case, k, comm, meshes[k]), case.fluid.density)
+        on_posts(case, _body(fluid, given, build_solid(case, k, comm, meshes[k]), case.fluid.density), edges)
         for k, given in enumerate(case.solid)
     ]
     circulation = build_circulation(case)
@@ -99,7 +99,7 @@ def _coupling(fluid: NavierStokes, given: Solid, solid: Structure) -> Coupling |
     return ElementalCoupling(grid, given.kernel, points, given.point_gap, signs)
 
 
-def _body(fluid: NavierStokes, given: Solid, solid: Structure, rho: float) -> BodyBase:
+def _body(fluid: NavierStokes, given: Solid, solid: Structure, rho: float) -> Elastic:
     """Return a solid of a case as a body, with excess mass where it is heavier than the fluid. Collective."""
     coupling = _coupling(fluid, given, solid)
     slip = _slip(given, solid)

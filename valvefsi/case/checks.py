@@ -231,6 +231,13 @@ def _check_housing(case: Case) -> None:
             key="housing.annulus",
             value=housing.annulus,
         )
+    leaflets = next(s for s in case.solid if s.name == housing.stent)
+    attached = set(leaflets.mesh.leaflets.attached if leaflets.mesh.leaflets is not None else ("attached",))
+    if housing.posts is not None and not any(t.on and set(t.on) <= attached for t in leaflets.tether):
+        raise CaseError(
+            f"no tether of {housing.stent} holds the attached edge alone: nothing would hang on the posts",
+            key="housing.posts",
+        )
 
 
 def _check_length(value: Sequence[float], dim: int, key: str) -> None:

@@ -48,7 +48,10 @@ class Force(Table):
     name: Name = Field(
         description="Name, in the column names force_x_NAME_dyn ... (dyn_per_cm in two dimensions)"
     )
-    body: tuple[str, ...] = Field(description='Names of the solids, or "housing", whose forces are added up')
+    body: tuple[str, ...] = Field(
+        description='Names of the solids, or "housing", whose forces are added up; flexible posts belong to the solid '
+        "that is attached to them"
+    )
     lower: tuple[Length, ...] = Field(
         (),
         description="Lower corner of a box around them whose balance of momentum checks the force, in columns "

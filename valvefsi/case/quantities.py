@@ -144,6 +144,8 @@ Stress = Annotated[float, Quantity("dyn/cm^2")]
 BodyDamping = Annotated[float, Quantity("dyn*s/cm^4")]
 Permeability = Annotated[float, Quantity("cm^4/(dyn*s)")]
 Angle = Annotated[float, Quantity("deg")]
+Mass = Annotated[float, Quantity("g")]
+Spring = Annotated[float, Quantity("dyn/cm")]
 StepPerSpacing = Annotated[float, Quantity("s/cm")]
 
 

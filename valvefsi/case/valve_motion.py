@@ -42,7 +42,28 @@ MEANINGS = {
     "places": "99th percentile by reference volume and maximum over the nodes of the largest principal Green strain "
     "and Cauchy stress and of von Mises' stress, the largest of a phase's frames; a place is at the free or attached "
     "edge within a tenth of the diameter of it, at a commissure within that of both, else in the belly",
+    "posts": "largest displacement of the tip of each flexible post towards the axis in the rows of the history, over "
+    "the whole run, and its time; negative for a post that was never inwards; by azimuth",
 }
+
+
+def post_numbers(case: Case, folder: Path) -> dict[str, Any]:
+    """Return how far each flexible post was inwards and when, from the history; empty for rigid ones.
+
+    Args:
+        case: The case.
+        folder: Folder of the run.
+    """
+    path = Path(folder) / "history.csv"
+    if case.housing is None or case.housing.posts is None or not path.is_file():
+        return {}
+    table, found = read_history(path), {}
+    prefix = f"{valve_of(case).name}_post_"
+    for name in (name for name in table if name.startswith(prefix)):
+        k = int(np.argmax(table[name]))
+        number = name.removeprefix(prefix).removesuffix("_inward_mm")
+        found[f"post_{number}"] = {"largest_inward_mm": table[name][k], "t_s": table["t_s"][k]}
+    return {"posts": found}
 
 
 def flutter_numbers(folder: Path, window: Window) -> dict[str, Any]:

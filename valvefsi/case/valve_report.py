@@ -15,7 +15,7 @@ from valvefsi.case.circulation import connected
 from valvefsi.case.models import Case
 from valvefsi.case.valve import find_valve, valve_of
 from valvefsi.case.valve_motion import MEANINGS as MOTION
-from valvefsi.case.valve_motion import coaptation_numbers, flutter_numbers, place_numbers
+from valvefsi.case.valve_motion import coaptation_numbers, flutter_numbers, place_numbers, post_numbers
 from valvefsi.case.valve_shear import MEANINGS as SHEAR
 from valvefsi.case.valve_shear import shear_numbers
 from valvefsi.case.valve_views import draw_leaflets, read_leaflets
@@ -71,7 +71,7 @@ def report_numbers(case: Case, folder: Path) -> dict[str, object]:
     numbers = {} if found is None else _numbers(case, *found)
     leaflets = leaflet_peaks(folder)
     numbers |= {"leaflets": leaflets} if leaflets else {}
-    numbers |= _of_frames(case, folder, found)
+    numbers |= post_numbers(case, folder) | _of_frames(case, folder, found)
     if not numbers:
         return {}
     told = meanings()

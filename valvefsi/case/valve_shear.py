@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from valvefsi.case.models import Case
-from valvefsi.case.valve import valve_of, wall_radius
+from valvefsi.case.valve import valve_of
+from valvefsi.case.walls import wall_radius
 from valvefsi.io.grid_files import GridFields, read_grid, times_of
 from valvefsi.post.diagnostics.particles import Particles, Written, seeds_on_disk
 from valvefsi.post.diagnostics.shear import cell_gradient, shear_stress, volume_percentiles

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from valvefsi.case.quantities import Length
+from valvefsi.case.quantities import Length, Mass, Spring
 from valvefsi.case.table import Name, Table, problem
 from valvefsi.errors import CaseError
 from valvefsi.geometry.aortic_section import AorticSection
@@ -99,6 +99,31 @@ class OwnLeaflets(Table):
         return {name: getattr(self, name) for name in SURFACES}
 
 
+class FlexiblePosts(Table):
+    """Posts of a stent that bend towards the axis; without this table they are rigid."""
+
+    stiffness: Spring | None = Field(
+        None,
+        gt=0,
+        description="Force towards the axis at the tip of a post over the tip's displacement, as makers measure it; "
+        "3 E I / L^3 of a uniform bar",
+        examples=["2000 N/m"],
+    )
+    mass: Mass = Field(
+        0.02,
+        gt=0,
+        description="Mass that the tip moves: 33/140 of that of a uniform post; the fluid's comes in by itself",
+    )
+    damping: float = Field(0.05, ge=0, le=10, description="Damping of a post, as a part of the critical one")
+    length: Length | None = Field(
+        None,
+        gt=0,
+        description="Length from the tip down to where a post is clamped; where the attached edge begins to rise "
+        "steeply when left out",
+        examples=["8 mm"],
+    )
+
+
 class Housing(Table):
     """A rigid aortic test section about the z axis, from one z side of the box to the other."""
 
@@ -134,9 +159,14 @@ class Housing(Table):
         description="Solid with a valve whose stent belongs to it: a wall from annulus to the attached edge",
         examples=["leaflets"],
     )
+    posts: FlexiblePosts | None = Field(None, description="Flexible posts of the stent; rigid when left out")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.posts is not None and self.stent is None:
+            raise problem("posts are those of a stent; name its solid in stent", "posts")
+        if self.posts is not None and self.posts.stiffness is None:
+            raise problem("flexible posts need a stiffness", "posts.stiffness")
         own = ("file_unit", "tags") if self.file is None else SECTION
         for key in own:
             if getattr(self, key) != type(self).model_fields[key].default:

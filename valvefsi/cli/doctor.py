@@ -207,8 +207,10 @@ def _pictures() -> Finding:
 
 
 def _ffmpeg() -> Finding:
-    where = shutil.which("ffmpeg")
-    advice = "movies are .gif without it; on Debian: apt-get install ffmpeg"
+    from valvefsi.post.movies import GET_FFMPEG, find_ffmpeg
+
+    where = find_ffmpeg()
+    advice = f"movies are .gif without it; {GET_FFMPEG}, on Debian apt-get install ffmpeg"
     return Finding(good=where is not None, text=where or "not here, no .mp4", advice=advice)
 
 

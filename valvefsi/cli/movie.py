@@ -54,21 +54,22 @@ def movie(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FILE", help="The movie, .mp4 (needs ffmpeg) or .gif.", callback=not_a_folder
+            "--out",
+            metavar="FILE",
+            help="The movie, .mp4 (needs ffmpeg) or .gif.",
+            callback=not_a_folder,
         ),
     ] = None,
 ) -> None:
     """Make a movie of the fluid in a plane with the solids over it; no display is needed."""
-    import shutil
-
     from mpi4py import MPI
     from rich.progress import Progress as Bar
 
-    from valvefsi.post.movies import draw_movie
+    from valvefsi.post.movies import draw_movie, find_ffmpeg
 
     if MPI.COMM_WORLD.rank != 0:
         return
-    suffix = ".mp4" if shutil.which("ffmpeg") else ".gif"
+    suffix = ".mp4" if find_ffmpeg() else ".gif"
     plane = read_plane(cut)
     path = out if out is not None else Path(folder) / f"movie_{field}{suffix}"
     with Bar() as bar:

@@ -26,7 +26,7 @@ from valvefsi.geometry.ribbons import around
 
 if TYPE_CHECKING:
     from valvefsi.geometry.leaflets import ValveGeometry
-    from valvefsi.types import Array
+    from valvefsi.types import Array, Indices
 
 LINE = 101
 """Points along each part of a formula's attachment."""
@@ -216,11 +216,21 @@ def _profiles(edge: StentEdge, annulus: float, foot: Array, phi: Array) -> tuple
     """Return distance from the axis and z of the wall's foot, knee and edge at azimuths, ``(n, 3)`` each [cm]."""
     R, Z = edge.at(phi)
     Z = np.maximum(Z, annulus + 1e-9)
+    knee, begin = _knees(edge, phi, Z)
+    return np.stack([foot, R[begin], R], axis=1), np.stack([np.full_like(Z, annulus), knee, Z], axis=1)
+
+
+def knee_heights(edge: StentEdge, phi: Array) -> Array:
+    """Return z of the knee at azimuths all around, ``(n,)`` [cm]."""
+    return _knees(edge, phi, edge.at(phi)[1])[0]
+
+
+def _knees(edge: StentEdge, phi: Array, Z: Array) -> tuple[Array, Indices]:
+    """Return z of the knee at azimuths where the edge lies at Z, and the azimuth where its rise begins."""
     apart = np.abs((phi[:, None] - phi[None, :] + math.pi) % (2.0 * math.pi) - math.pi)
     reached = Z + STEEPEST * edge.radius * apart
-    lowest = reached.argmin(axis=1)
-    knee = reached[np.arange(len(phi)), lowest]
-    return np.stack([foot, R[lowest], R], axis=1), np.stack([np.full_like(Z, annulus), knee, Z], axis=1)
+    begin = reached.argmin(axis=1)
+    return reached[np.arange(len(phi)), begin], begin.astype(np.int64)
 
 
 def _normal(phi: float, along: Array, up: Array) -> tuple[Array, Array]:

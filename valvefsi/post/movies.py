@@ -7,17 +7,21 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from valvefsi.errors import CaseError
 from valvefsi.io.folder import replacing
 from valvefsi.io.grid_files import GridFields, nearest_time, read_grid, times_of
 from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import Body, read_body
-from valvefsi.post.plots.slice import Plane, cut, draw_slice, outline, scale_of
+from valvefsi.post.plots.slice import Plane, cut, draw_slice, outline, palette, scale_of
 from valvefsi.types import Array
 
 SERIES = {"mean": "averages", "turbulence": "averages"}
 """Series of the fields whose names begin so; the others are in that of the fluid."""
+GET_FFMPEG = "pip install 'valvefsi[movies]' brings one"
+"""How to come by ffmpeg without a system's packages."""
 
 
 def series_of(folder: Path, name: str) -> Path:
@@ -71,7 +75,7 @@ def draw_movie(
 
     Args:
         folder: Folder of the run.
-        path: The movie, .mp4 (needs ffmpeg) or .gif.
+        path: The movie, .mp4 (see `find_ffmpeg`) or .gif.
         plane: The plane; None in two dimensions.
         field: What is shown.
         fps: Frames a second.
@@ -83,17 +87,34 @@ def draw_movie(
     path = Path(path)
     if path.suffix not in (".mp4", ".gif"):
         raise CaseError("expected a name that ends in .mp4 or .gif", key="--out", value=str(path))
-    if path.suffix == ".mp4" and shutil.which("ffmpeg") is None:
-        raise CaseError(
-            "an .mp4 needs ffmpeg, which is not here; a .gif does not", key="--out", value=str(path)
-        )
+    if path.suffix == ".mp4" and find_ffmpeg() is None:
+        message = f"an .mp4 needs ffmpeg, which is not here ({GET_FFMPEG}); a .gif does not"
+        raise CaseError(message, key="--out", value=str(path))
     times = times_of(series_of(folder, field))
     limits = _limits(times, plane, field)
     path.parent.mkdir(parents=True, exist_ok=True)
     frames = _frames(folder, times, plane, field, limits, path, progress)
     with replacing(path) as temporary:
-        (_write_gif if path.suffix == ".gif" else _write_mp4)(temporary, frames, fps)
+        if path.suffix == ".gif":
+            _write_gif(temporary, frames, fps, palette(limits))
+        else:
+            _write_mp4(temporary, frames, fps)
     return path
+
+
+def find_ffmpeg() -> str | None:
+    """Return the ffmpeg on the path, else that of the package imageio-ffmpeg; None where neither is there."""
+    found = shutil.which("ffmpeg")
+    if found is not None:
+        return found
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+    except ImportError:
+        return None
+    try:
+        return str(get_ffmpeg_exe())
+    except RuntimeError:  # the package came without its program
+        return None
 
 
 def _frames(
@@ -130,21 +151,45 @@ def _limits(times: list[tuple[float, Path]], plane: Plane | None, field: str) ->
     return scale_of(np.concatenate(values))
 
 
-def _write_gif(path: Path, frames: Iterator[Path], fps: int) -> None:
+def _write_gif(path: Path, frames: Iterator[Path], fps: int, colours: Array) -> None:
+    """Write frames with the nearest of ``colours``, ``(256, 3)``: the same in all, so that none changes by itself."""
     from PIL import Image
 
     images = []
     for frame in frames:
         with Image.open(frame) as image:
-            images.append(image.convert("RGB").quantize(128))
+            pixels = np.asarray(image.convert("RGB"), dtype=np.uint32)
+        indexed = Image.fromarray(_nearest(pixels, colours))
+        indexed.putpalette(colours.astype(np.uint8).tobytes())
+        images.append(indexed)
     images[0].save(path, save_all=True, append_images=images[1:], duration=round(1000 / fps), loop=0)
+
+
+def _nearest(pixels: NDArray[np.uint32], colours: Array) -> NDArray[np.uint8]:
+    """Return the number of the nearest colour for each pixel of ``(n, m, 3)``, ``(n, m)``."""
+    packed = (pixels[..., 0] << 16) + (pixels[..., 1] << 8) + pixels[..., 2]
+    found, place = np.unique(packed, return_inverse=True)
+    there = np.stack([found >> 16, found >> 8 & 255, found & 255], axis=1).astype(np.float64)
+    nearest = cKDTree(colours).query(there)[1].astype(np.uint8)
+    return nearest[place].reshape(packed.shape)
 
 
 def _write_mp4(path: Path, frames: Iterator[Path], fps: int) -> None:
     import subprocess
 
     first, raw = _pixels(next(frames))
-    command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", first]
+    command = [
+        find_ffmpeg() or "ffmpeg",
+        "-y",
+        "-loglevel",
+        "error",
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-s",
+        first,
+    ]
     command += ["-r", str(fps), "-i", "-", "-pix_fmt", "yuv420p", str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
         assert process.stdin is not None

@@ -60,7 +60,7 @@ def save_state(model: Model, state: State, output: Output, memory: Memory, *, fi
     for name, array in statistics.fields().items():
         fields[name] = checkpoint.Block(grid_part(array, (slice(None),) * 3), grid.start, grid.cells)
     rows = {
-        name: checkpoint.Rows(state.bodies[k][key], model.bodies[k].ids, model.bodies[k].num_points)
+        name: checkpoint.Rows(state.bodies[k][key], *model.bodies[k].rows(key))
         for name, (k, key) in tables_of(model, state).items()
     }
     meta: dict[str, Any] = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
@@ -86,7 +86,7 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     averages = statistics.fields()
     request |= {name: (grid.start, array.shape) for name, array in averages.items()}
     tables = tables_of(model, fsi.initial_state(model, 1.0))
-    rows = {name: model.bodies[k].ids for name, (k, _) in tables.items()}
+    rows = {name: model.bodies[k].rows(key)[0] for name, (k, key) in tables.items()}
     found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm)
     if found is None:
         return None

@@ -25,7 +25,7 @@ from valvefsi.solid.materials.fibres import check_fibres
 from valvefsi.solid.moving_tether import MovingTether
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from numpy.typing import NDArray
 
@@ -231,20 +231,44 @@ class Structure:
         self._tether_reports: list[SupportReport] = []
         self._moving: list[tuple[MovingTether, NDArray[np.intp], Array]] = []
         for tether in self.tethers:
-            weights, measure = lumped_weights(self.space, self.mesh, tether.on)
-            mask = np.array(tether.mask) * (np.arange(3) < self.dim)
-            spring = tether.stiffness * weights[:, None] * mask
+            spread, measure = self._spread(tether)
+            spring = tether.stiffness * spread
             self._spring += spring
             if isinstance(tether, MovingTether):
                 held = np.flatnonzero(spring.any(axis=1))
                 self._moving.append((tether, held, spring[held]))
-            self._damper += tether.damping * weights[:, None] * mask
+            self._damper += tether.damping * spread
             axes = tether.components if self.dim == 3 else tuple(c for c in tether.components if c != "z")
             self._tether_reports.append(SupportReport(tether.on, tether.stiffness, measure, axes))
         self._dead: list[tuple[Ramp, Array]] = []
         self._load_reports: list[SupportReport] = []
         for load in self.loads:
             self._add_load(load)
+
+    def _spread(self, tether: Tether) -> tuple[Array, float]:
+        """Return what of a tether's area or volume each node has along each axis, ``(n, 3)``, and the whole."""
+        weights, measure = lumped_weights(self.space, self.mesh, tether.on)
+        return weights[:, None] * (np.array(tether.mask) * (np.arange(3) < self.dim)), measure
+
+    def tethers_on(self, tags: Collection[str]) -> tuple[Array, Array]:
+        """Return springs and dampers of the tethers on facets with these tags and no others.
+
+        Args:
+            tags: Names of tags.
+
+        Returns:
+            kappa w [dyn/cm] and eta w [dyn s/cm] of this rank's nodes along each axis, ``(n, 3)`` each; 0 for none.
+
+        Note:
+            Collective.
+        """
+        spring, damper = np.zeros_like(self.X), np.zeros_like(self.X)
+        for tether in self.tethers:
+            if tether.on is not None and set(tether.on) <= set(tags):
+                spread, _ = self._spread(tether)
+                spring += tether.stiffness * spread
+                damper += tether.damping * spread
+        return spring, damper
 
     def _add_load(self, load: DeadLoad) -> None:
         """Assemble a dead load, integral of phi_k t dA."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from valvefsi.errors import CaseError
@@ -36,6 +37,9 @@ UNITS = {
     "mean_velocity": "cm/s",
     "velocity": "cm/s",
 }
+
+SHADES = 32
+"""Colours of a palette between the two inks and white, for text and lines."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,7 +206,7 @@ def draw_slice(
             found.x,
             found.y,
             found.values.T,
-            cmap="RdBu_r" if signed else "viridis",
+            cmap=_map(low, high),
             vmin=low,
             vmax=high,
             rasterized=True,
@@ -223,6 +227,27 @@ def draw_slice(
         figure.text(place[0], 1 - 0.38 / whole[1], title, fontsize=13, fontweight="bold")
         figure.text(place[0], 1 - 0.66 / whole[1], caption, fontsize=9.5, color=MUTED)
         return saved(figure, path)
+
+
+def _map(low: float, high: float) -> str:
+    """Return the name of the colour map of a scale, a diverging one only where its middle is zero."""
+    return "RdBu_r" if low == -high else "viridis"
+
+
+def palette(limits: tuple[float, float]) -> Array:
+    """Return the colours that pictures of a scale are made of, for formats with few: its map's, and inks to white.
+
+    Args:
+        limits: Ends of the scale.
+
+    Returns:
+        Red, green and blue from 0 to 255, ``(256, 3)``.
+    """
+    ramp = mpl.colormaps[_map(*limits)](np.linspace(0.0, 1.0, 256 - SHADES))[:, :3]
+    white = np.linspace(0.0, 1.0, SHADES // 2)[:, None]
+    shades = [ink + white * (1.0 - ink) for ink in map(np.array, map(to_rgb, (INK, MUTED)))]
+    colours: Array = np.rint(255.0 * np.concatenate([ramp, *shades]))
+    return colours
 
 
 def scale_of(values: Array) -> tuple[float, float]:
