@@ -148,7 +148,11 @@ def save(
 
 
 def load_latest(
-    directory: Path, request: Request, rows_request: Mapping[str, NDArray[Any]], comm: MPI.Comm
+    directory: Path,
+    request: Request,
+    rows_request: Mapping[str, NDArray[Any]],
+    comm: MPI.Comm,
+    optional: Mapping[str, NDArray[Any]] | None = None,
 ) -> tuple[dict[str, Any], Arrays, Arrays] | None:
     """Read the newest checkpoint that is whole.
 
@@ -157,6 +161,7 @@ def load_latest(
         request: Start and size of this rank's part of each distributed array.
         rows_request: Numbers of the rows this rank wants of each table.
         comm: Communicator of the run, of any size.
+        optional: The same of tables that a file need not hold.
 
     Returns:
         What ``save`` was given as meta, with "step", and this rank's parts of the arrays and rows of the
@@ -173,7 +178,8 @@ def load_latest(
     for number, path in enumerate(paths):
         header, reason = _inspect(path, comm)
         if reason is None:
-            return _read(path, header, request, rows_request, comm)
+            there = {name: ids for name, ids in (optional or {}).items() if name in header["arrays"]}
+            return _read(path, header, request, {**rows_request, **there}, comm)
         if comm.rank == 0:
             then = (
                 f"using {paths[number + 1].name} instead"

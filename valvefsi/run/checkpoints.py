@@ -18,7 +18,9 @@ from valvefsi.run.energy import EnergyMeter
 from valvefsi.run.forces import ForceMeter
 from valvefsi.run.health import Health
 from valvefsi.run.recording import Output, grid_part
+from valvefsi.run.stable_step import NO_MODE
 from valvefsi.run.statistics import Statistics
+from valvefsi.types import Array
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,11 @@ def save_state(model: Model, state: State, output: Output, memory: Memory, *, fi
         name: checkpoint.Rows(state.bodies[k][key], model.bodies[k].ids, model.bodies[k].num_points)
         for name, (k, key) in tables_of(model, state).items()
     }
+    for name, k in (modes_of(model) if state.modes else {}).items():
+        rows[name] = checkpoint.Rows(state.modes[k], model.bodies[k].ids, model.bodies[k].num_points)
     meta: dict[str, Any] = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
     meta["dt_stable"] = state.dt_stable if math.isfinite(state.dt_stable) else None
-    meta["measure_at"] = state.measure_at
+    meta["measure_at"], meta["energies"] = state.measure_at, list(state.energies)
     meta["circuits"] = [float(value) for value in state.circuits]
     meta["given"] = state.given.tolist()
     meta["statistics"] = statistics.meta()
@@ -87,7 +91,8 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     request |= {name: (grid.start, array.shape) for name, array in averages.items()}
     tables = tables_of(model, fsi.initial_state(model, 1.0))
     rows = {name: model.bodies[k].ids for name, (k, _) in tables.items()}
-    found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm)
+    modes = {name: model.bodies[k].ids for name, k in modes_of(model).items()}
+    found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm, optional=modes)
     if found is None:
         return None
     meta, fields, points = found
@@ -106,7 +111,7 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
         step=meta["step"],
         dt=meta["dt"],
         dt_stable=math.inf if meta.get("dt_stable") is None else meta["dt_stable"],
-        measure_at=meta.get("measure_at", 0),
+        **_measured(model, meta, points),
         u=model.fluid.fill(u, meta["t"]),
         p=arrays["p"],
         N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),
@@ -117,6 +122,20 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
         circuits=np.array(meta["circuits"]),
         given=np.array(meta["given"]).reshape(-1, 4),
     )
+
+
+def _measured(model: Model, meta: dict[str, Any], points: dict[str, Array]) -> dict[str, Any]:
+    """Return what a state holds of the last measurement of the stable step; it is to be made anew where it is not."""
+    names = {k: name for name, k in modes_of(model).items()}
+    if not names or not points.keys() >= set(names.values()):
+        return {"measure_at": 0}
+    modes = tuple(points[names[k]] if k in names else NO_MODE for k in range(len(model.bodies)))
+    return {"measure_at": meta["measure_at"], "modes": modes, "energies": tuple(meta["energies"])}
+
+
+def modes_of(model: Model) -> dict[str, int]:
+    """Return the numbers of the bodies with a mode that limits the step, by its name in a checkpoint."""
+    return {f"mode_{k}_{body.name}": k for k, body in enumerate(model.bodies) if body.solid is not None}
 
 
 def tables_of(model: Model, state: State) -> dict[str, tuple[int, str]]:
