@@ -91,8 +91,10 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     request |= {name: (grid.start, array.shape) for name, array in averages.items()}
     tables = tables_of(model, fsi.initial_state(model, 1.0))
     rows = {name: model.bodies[k].ids for name, (k, _) in tables.items()}
-    modes = {name: model.bodies[k].ids for name, k in modes_of(model).items()}
-    found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm, optional=modes)
+    derived = {name for name, (k, key) in tables.items() if key in model.bodies[k].derived}
+    optional = {name: rows.pop(name) for name in derived}
+    optional |= {name: model.bodies[k].ids for name, k in modes_of(model).items()}
+    found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm, optional)
     if found is None:
         return None
     meta, fields, points = found
@@ -106,19 +108,21 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
         arrays[name][place] = fields[name]
     u = tuple(arrays[f"u{d}"] for d in range(grid.dim))
     grid.exchange((arrays["p"],), width=1)
+    u = model.fluid.fill(u, meta["t"])
+    bodies = [
+        {key: points[name] for name, (number, key) in tables.items() if number == k and name in points}
+        for k in range(len(model.bodies))
+    ]
     return State(
         t=meta["t"],
         step=meta["step"],
         dt=meta["dt"],
         dt_stable=math.inf if meta.get("dt_stable") is None else meta["dt_stable"],
         **_measured(model, meta, points),
-        u=model.fluid.fill(u, meta["t"]),
+        u=u,
         p=arrays["p"],
         N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),
-        bodies=tuple(
-            {key: points[name] for name, (number, key) in tables.items() if number == k}
-            for k in range(len(model.bodies))
-        ),
+        bodies=tuple(body.completed(q, u) for body, q in zip(model.bodies, bodies, strict=True)),
         circuits=np.array(meta["circuits"]),
         given=np.array(meta["given"]).reshape(-1, 4),
     )
