@@ -21,6 +21,8 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.geometry.aortic_section import AorticSection, closing_plate, joined
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
+from valvefsi.run.checkpoints import load_state, memory_of, save_state
+from valvefsi.run.recording import Output
 from valvefsi.units import MMHG
 
 RADIUS, LENGTH, H, DT = 0.6, 1.0, 0.1, 5e-5
@@ -108,6 +110,18 @@ def test_the_velocity_that_a_surface_keeps_is_the_fluids(patched):
     largest = MPI.COMM_WORLD.allreduce(float(np.abs(U).max(initial=0.0)), op=MPI.MAX)
     assert largest > 0.1
     np.testing.assert_allclose(state.bodies[0]["U"], U, atol=1e-12 * largest)
+
+
+def test_a_checkpoint_without_that_velocity_is_gone_on_from(shared_tmp):
+    tube = model(MPI.COMM_WORLD, 50.0 * MMHG, patched=True)
+    state, _ = run(tube, 4)
+    output = Output(directory=shared_tmp)
+    old = replace(state, bodies=({"d": state.bodies[0]["d"]},))
+    save_state(tube, old, output, memory_of(tube, output))
+    found = load_state(tube, output, memory_of(tube, output))
+    largest = MPI.COMM_WORLD.allreduce(float(np.abs(state.bodies[0]["U"]).max(initial=0.0)), op=MPI.MAX)
+    for key, values in state.bodies[0].items():
+        np.testing.assert_allclose(found.bodies[0][key], values, atol=1e-12 * largest, err_msg=key)
 
 
 def test_the_force_holds_back_what_is_carried_away():

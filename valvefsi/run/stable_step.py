@@ -44,9 +44,13 @@ NUDGE = 1e-5
 """Size of the displacement that the stiffness is differenced with, in spacings."""
 CHANGE = 0.2
 """Relative change of the energy stored in a solid after which the stable step is measured anew."""
+FAINT = 1e-4
+"""Energy stored in a solid that is no load on it, as a part of its shear modulus times its volume."""
 NO_MODE: Array = np.zeros((0, 3))
 """Of a rigid body."""
 
+Unit = tuple[Array, Array]
+"""A displacement, and the stiffness times it."""
 Operator = Callable[[Array], Array]
 Products = Callable[[Array, Sequence[Array]], Array]
 """Sums over all ranks of the products of a displacement with each of some forces, ``(k,)``."""
@@ -114,8 +118,12 @@ def stored_energies(model: Model, state: State) -> tuple[float, ...]:
 
 def has_changed(model: Model, state: State) -> bool:
     """Return whether a body has stored or given off so much energy that the stable step is another (collective)."""
-    pairs = zip(stored_energies(model, state), state.energies, strict=True)
-    return any(abs(now - then) > CHANGE * abs(then) for now, then in pairs)
+    faint = (
+        0.0 if body.solid is None else FAINT * body.solid.material.shear_modulus * body.solid.reference_volume
+        for body in model.bodies
+    )
+    values = zip(stored_energies(model, state), state.energies, faint, strict=True)
+    return any(abs(now - then) > CHANGE * max(then, least) for now, then, least in values)
 
 
 def measured_limit(
@@ -169,9 +177,7 @@ def _body_limit(
     if before is None:
         mode = _largest_mode(K, M, inner, start, products)
     else:
-        known = _unit(before, K, inner)
-        if known is not None:
-            start = known[0] + OTHERS * start[0], known[1] + OTHERS * start[1]
+        start = _with_others(_unit(before, K, inner), start)
         mode = _largest_mode(K, M, inner, start, TRACKED_PRODUCTS, RESIDUAL)
     return 2.0 * math.sqrt(body.reserve / mode.value) if mode.value > 0.0 else math.inf, mode
 
@@ -197,7 +203,14 @@ def _mobility(model: Model, body: SmallMotion, dt: float) -> Operator:
     return mobility
 
 
-def _unit(v: Array, K: Operator, inner: Products) -> tuple[Array, Array] | None:
+def _with_others(known: Unit | None, others: Unit) -> Unit:
+    """Return the displacement to begin with: a mode that is known and a part of all others, which may have grown."""
+    if known is None:
+        return others
+    return known[0] + OTHERS * others[0], known[1] + OTHERS * others[1]
+
+
+def _unit(v: Array, K: Operator, inner: Products) -> Unit | None:
     """Return a displacement of length 1 in the product of K, and K times it; None for one without stiffness."""
     Kv = K(v)
     (square,) = inner(v, [Kv])
@@ -210,7 +223,7 @@ def _largest_mode(
     K: Operator,
     M: Operator,
     inner: Products,
-    start: tuple[Array, Array],
+    start: Unit,
     products: int = PRODUCTS,
     residual: float = 0.0,
 ) -> Mode:
