@@ -96,8 +96,8 @@ def test_a_load_that_changes_the_energy_by_a_fifth_calls_for_a_measurement():
     then = replace(state, energies=stored_energies(model, stretched(1.1)))
     assert not has_changed(model, replace(stretched(1.1), energies=then.energies))
     assert not has_changed(model, replace(stretched(1.105), energies=then.energies))
-    assert has_changed(model, replace(stretched(1.12), energies=then.energies))
-    assert has_changed(model, replace(stretched(1.08), energies=then.energies))
+    assert has_changed(model, replace(stretched(1.112), energies=then.energies))
+    assert has_changed(model, replace(stretched(1.088), energies=then.energies))
     assert not has_changed(model, replace(stretched(1.0 + 1e-4), energies=(0.0,)))
 
 

@@ -198,6 +198,11 @@ class Stress:
     def _nodal(self) -> _Nodal:
         return _Nodal(self.mesh, self.points, self.weights, self.degree)
 
+    @functools.cached_property
+    def _motion_space(self) -> fem.FunctionSpace:
+        degree = self.motion.function_space.ufl_element().degree
+        return fem.functionspace(self.mesh, ("Lagrange", degree, (self.dim,)))
+
     def gather(
         self, *names: str, values: Mapping[str, Array] | None = None
     ) -> tuple[Array, dict[int, NDArray[np.int64]], dict[str, Array], Array] | None:
@@ -216,8 +221,7 @@ class Stress:
         """
         names = names or tuple(q for q in QUANTITIES if q != "fibre_stretch" or self.has_fibre)
         functions = self.at_nodes(*names, values=values)
-        degree = self.motion.function_space.ufl_element().degree
-        space = fem.functionspace(self.mesh, ("Lagrange", degree, (self.dim,)))
+        space, degree = self._motion_space, self.motion.function_space.ufl_element().degree
         motion = fem.Function(space)
         motion.interpolate(self.motion)
         ids, X, position = _rows(motion)
