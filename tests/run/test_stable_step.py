@@ -99,6 +99,10 @@ def test_a_load_that_changes_the_energy_by_a_fifth_calls_for_a_measurement():
     assert has_changed(model, replace(stretched(1.112), energies=then.energies))
     assert has_changed(model, replace(stretched(1.088), energies=then.energies))
     assert not has_changed(model, replace(stretched(1.0 + 1e-4), energies=(0.0,)))
+    # Where the longest step is half of what the limit allows, a load may take four times as much and give off all.
+    assert not has_changed(model, replace(stretched(1.125), energies=then.energies), 2.0)
+    assert has_changed(model, replace(stretched(1.145), energies=then.energies), 2.0)
+    assert not has_changed(model, replace(stretched(1.0), energies=then.energies), 2.0)
 
 
 def stays_calm(model, dt):

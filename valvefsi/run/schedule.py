@@ -61,6 +61,10 @@ class Schedule:
         """Return the length of the step after a state [s]."""
         return self.dt
 
+    def spare(self, state: State) -> float:
+        """Return what the stable step allows as a part of the longest step: nothing is asked of it."""
+        return math.inf
+
     def share(self, state: State) -> float:
         """Return the part of the run that is done, 0 to 1."""
         return 1.0 if self.finished(state) else min(1.0, state.t / (self.num_steps * self.dt))
@@ -131,6 +135,10 @@ class AdaptiveSchedule:
         left = self.t_end - state.t
         steps = math.ceil(left / dt - 1e-9)
         return left / steps if steps <= 2 else dt
+
+    def spare(self, state: State) -> float:
+        """Return what the stable step that was last measured allows, as a part of the longest step."""
+        return self.share_stable * state.dt_stable / self.dt
 
     def share(self, state: State) -> float:
         """Return the part of the run that is done, 0 to 1."""

@@ -223,8 +223,10 @@ class Simulation:
         if left <= 0:
             return True
         every = max(1, self.schedule.measure_every // LOOKS)
+        if left % every or left == self.schedule.measure_every:
+            return False
         with self._clock("stable step"):
-            return left % every == 0 and left < self.schedule.measure_every and has_changed(self.model, state)
+            return has_changed(self.model, state, self.schedule.spare(state))
 
     def _measured(self, state: State) -> State:
         """Return a state with the largest stable step, for steps about as long as the longest (collective)."""

@@ -116,14 +116,25 @@ def stored_energies(model: Model, state: State) -> tuple[float, ...]:
     )
 
 
-def has_changed(model: Model, state: State) -> bool:
-    """Return whether a body has stored or given off so much energy that the stable step is another (collective)."""
+def has_changed(model: Model, state: State, spare: float = 1.0) -> bool:
+    """Return whether a body has stored or given off so much energy that the stable step is another (collective).
+
+    Args:
+        model: The model.
+        state: The state.
+        spare: Stable step when it was last measured, less its reserve, as a part of the longest that is taken. Above 1
+            steps grow no longer with it, and a load matters once it takes the rest: stiffness and the stored energy
+            are as the inverse square of the stable step.
+    """
     faint = (
         0.0 if body.solid is None else FAINT * body.solid.material.shear_modulus * body.solid.reference_volume
         for body in model.bodies
     )
-    values = zip(stored_energies(model, state), state.energies, faint, strict=True)
-    return any(abs(now - then) > CHANGE * max(then, least) for now, then, least in values)
+    for now, then, least in zip(stored_energies(model, state), state.energies, faint, strict=True):
+        change = (now - then) / max(then, least, 1e-300)
+        if change > CHANGE * max(1.0, spare) ** 2 or (spare <= 1.0 and change < -CHANGE):
+            return True
+    return False
 
 
 def measured_limit(
