@@ -114,7 +114,7 @@ class RigidSurface(BodyBase):
         self.slipping = np.zeros(0, dtype=np.int64)
         if not isinstance(self.slip, float | int):
             self.slipping = np.flatnonzero(self.slip.any(axis=(1, 2)))
-            self.slip = self.slip[self.slipping]
+            self._rates: Array = self.slip[self.slipping]
         self.transfer: Transfer = coupling.stay(self.X)
         self.weights = areas[self.ids]
 
@@ -158,7 +158,7 @@ class RigidSurface(BodyBase):
                 out -= dt * self.slip * d
             return
         at = self.slipping
-        out[at] -= dt * np.einsum("nij,nj->ni", self.slip, d[at])
+        out[at] -= dt * np.einsum("nij,nj->ni", self._rates, d[at])
 
     def held(self, v: Array) -> Array:
         """Return what the springs and dampers hold of a vector at the points, ``(n, 3)``: all of it (collective)."""

@@ -20,7 +20,7 @@ from valvefsi.run.health import Health
 from valvefsi.run.recording import Output, grid_part
 from valvefsi.run.stable_step import NO_MODE
 from valvefsi.run.statistics import Statistics
-from valvefsi.types import Array
+from valvefsi.types import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -90,10 +90,10 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     averages = statistics.fields()
     request |= {name: (grid.start, array.shape) for name, array in averages.items()}
     tables = tables_of(model, fsi.initial_state(model, 1.0))
-    rows = {name: model.bodies[k].ids for name, (k, _) in tables.items()}
-    derived = {name for name, (k, key) in tables.items() if key in model.bodies[k].derived}
-    optional = {name: rows.pop(name) for name in derived}
-    optional |= {name: model.bodies[k].ids for name, k in modes_of(model).items()}
+    rows: dict[str, Indices] = {}
+    optional = {name: model.bodies[k].ids for name, k in modes_of(model).items()}
+    for name, (k, key) in tables.items():
+        (optional if key in model.bodies[k].derived else rows)[name] = model.bodies[k].ids
     found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm, optional)
     if found is None:
         return None
@@ -106,35 +106,34 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     arrays = {name: grid.zeros() for name in places}
     for name, place in places.items():
         arrays[name][place] = fields[name]
-    u = tuple(arrays[f"u{d}"] for d in range(grid.dim))
     grid.exchange((arrays["p"],), width=1)
-    u = model.fluid.fill(u, meta["t"])
+    u = model.fluid.fill(tuple(arrays[f"u{d}"] for d in range(grid.dim)), meta["t"])
+    N = tuple(arrays[f"N{d}"] for d in range(grid.dim))
     bodies = [
         {key: points[name] for name, (number, key) in tables.items() if number == k and name in points}
         for k in range(len(model.bodies))
     ]
     return State(
-        t=meta["t"],
-        step=meta["step"],
-        dt=meta["dt"],
-        dt_stable=math.inf if meta.get("dt_stable") is None else meta["dt_stable"],
-        **_measured(model, meta, points),
         u=u,
         p=arrays["p"],
-        N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),
+        N=N,
         bodies=tuple(body.completed(q, u) for body, q in zip(model.bodies, bodies, strict=True)),
         circuits=np.array(meta["circuits"]),
         given=np.array(meta["given"]).reshape(-1, 4),
+        **{key: meta[key] for key in ("t", "step", "dt")},
+        **_measured(model, meta, points),
     )
 
 
 def _measured(model: Model, meta: dict[str, Any], points: dict[str, Array]) -> dict[str, Any]:
     """Return what a state holds of the last measurement of the stable step; it is to be made anew where it is not."""
     names = {k: name for name, k in modes_of(model).items()}
-    if not names or not points.keys() >= set(names.values()):
-        return {"measure_at": 0}
+    limit = math.inf if meta.get("dt_stable") is None else meta["dt_stable"]
+    if "energies" not in meta or not points.keys() >= set(names.values()):
+        return {"dt_stable": limit, "measure_at": 0}
     modes = tuple(points[names[k]] if k in names else NO_MODE for k in range(len(model.bodies)))
-    return {"measure_at": meta["measure_at"], "modes": modes, "energies": tuple(meta["energies"])}
+    energies = tuple(meta["energies"])
+    return {"dt_stable": limit, "measure_at": meta["measure_at"], "modes": modes, "energies": energies}
 
 
 def modes_of(model: Model) -> dict[str, int]:
