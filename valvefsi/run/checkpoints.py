@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -90,10 +91,7 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     averages = statistics.fields()
     request |= {name: (grid.start, array.shape) for name, array in averages.items()}
     tables = tables_of(model, fsi.initial_state(model, 1.0))
-    rows: dict[str, Indices] = {}
-    optional = {name: model.bodies[k].ids for name, k in modes_of(model).items()}
-    for name, (k, key) in tables.items():
-        (optional if key in model.bodies[k].derived else rows)[name] = model.bodies[k].ids
+    rows, optional = _rows_of(model, tables)
     found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm, optional)
     if found is None:
         return None
@@ -123,6 +121,17 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
         **{key: meta[key] for key in ("t", "step", "dt")},
         **_measured(model, meta, points),
     )
+
+
+def _rows_of(
+    model: Model, tables: Mapping[str, tuple[int, str]]
+) -> tuple[dict[str, Indices], dict[str, Indices]]:
+    """Return the numbers of this rank's rows of the tables that a checkpoint must hold, and of those it may."""
+    rows: dict[str, Indices] = {}
+    optional = {name: model.bodies[k].ids for name, k in modes_of(model).items()}
+    for name, (k, key) in tables.items():
+        (optional if key in model.bodies[k].derived else rows)[name] = model.bodies[k].ids
+    return rows, optional
 
 
 def _measured(model: Model, meta: dict[str, Any], points: dict[str, Array]) -> dict[str, Any]:
