@@ -52,6 +52,8 @@ class State:
             impulse [dyn s], and work [erg]. Nothing depends on it.
         dt_stable: Largest stable step when it was last measured, see `valvefsi.run.stable_step` [s].
         measure_at: Step from which on it is measured again.
+        modes: What limited it for each body then, ``(n, 3)`` each; none before the first time.
+        energies: Energy stored in each body then [erg].
     """
 
     t: float
@@ -65,6 +67,8 @@ class State:
     given: Array
     dt_stable: float = math.inf
     measure_at: int = 0
+    modes: tuple[Array, ...] = ()
+    energies: tuple[float, ...] = ()
 
 
 def initial_state(model: Model, dt: float, u: Faces | None = None, p: Array | None = None) -> State:

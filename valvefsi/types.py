@@ -279,7 +279,7 @@ class HalfStep(Protocol):
         """Return the velocity of the fluid at its nodes or points, ``(n, 3)`` [cm/s]. Collective.
 
         Args:
-            u_half: Velocity at the middle of the step, ghosts filled [cm/s].
+            u_half: Velocity at the middle of the step, the mean of both ends, ghosts filled [cm/s].
         """
         ...
 

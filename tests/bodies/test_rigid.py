@@ -21,6 +21,8 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.geometry.aortic_section import AorticSection, closing_plate, joined
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
+from valvefsi.run.checkpoints import load_state, memory_of, save_state
+from valvefsi.run.recording import Output
 from valvefsi.units import MMHG
 
 RADIUS, LENGTH, H, DT = 0.6, 1.0, 0.1, 5e-5
@@ -97,6 +99,31 @@ def test_every_point_belongs_to_one_rank_and_the_flow_does_not_depend_on_ranks(p
     assert len(state.bodies[0]["d"]) == len(together.bodies[0].X)
 
 
+@pytest.mark.parametrize("patched", [False, True])
+def test_the_velocity_that_a_surface_keeps_is_the_fluids(patched):
+    """Steps of unequal length: it is twice the one at their middle less the one before."""
+    tube = model(MPI.COMM_WORLD, 50.0 * MMHG, patched=patched)
+    state, surface = fsi.initial_state(tube, DT), tube.bodies[0]
+    for k in range(12):
+        state = fsi.step(tube, state, DT * (1.0 if k % 3 else 0.7))
+    U = surface.felt(state.u)
+    largest = MPI.COMM_WORLD.allreduce(float(np.abs(U).max(initial=0.0)), op=MPI.MAX)
+    assert largest > 0.1
+    np.testing.assert_allclose(state.bodies[0]["U"], U, atol=1e-12 * largest)
+
+
+def test_a_checkpoint_without_that_velocity_is_gone_on_from(shared_tmp):
+    tube = model(MPI.COMM_WORLD, 50.0 * MMHG, patched=True)
+    state, _ = run(tube, 4)
+    output = Output(directory=shared_tmp)
+    old = replace(state, bodies=({"d": state.bodies[0]["d"]},))
+    save_state(tube, old, output, memory_of(tube, output))
+    found = load_state(tube, output, memory_of(tube, output))
+    largest = MPI.COMM_WORLD.allreduce(float(np.abs(state.bodies[0]["U"]).max(initial=0.0)), op=MPI.MAX)
+    for key, values in state.bodies[0].items():
+        np.testing.assert_allclose(found.bodies[0][key], values, atol=1e-12 * largest, err_msg=key)
+
+
 def test_the_force_holds_back_what_is_carried_away():
     surface = one_point(stiffness=3.0, damping=4.0, area=2.0)
     force = surface.force(np.array([[0.1, 0.0, -0.2]]), np.array([[1.0, 0.0, 0.0]]))
@@ -118,7 +145,8 @@ def test_points_slip_back_to_their_place():
 def test_slip_may_differ_by_point_and_direction():
     slip = np.array([[[0.0, 0.0, 0.0], [0.0, 20.0, -10.0], [0.0, -10.0, 20.0]]])
     surface = one_point(stiffness=3.0, damping=4.0, slip=slip)
-    half = surface.half({"d": np.array([[1.0, 2.0, 3.0]])}, surface_at_rest(), 0.0, 0.01, 0.01)
+    q = {"d": np.array([[1.0, 2.0, 3.0]]), "U": np.zeros((1, 3))}
+    half = surface.half(q, surface_at_rest(), 0.0, 0.01, 0.01)
     np.testing.assert_allclose(half.whole(np.zeros((1, 3)))["d"], [[1.0, 1.9, 2.6]], rtol=1e-14)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -9,19 +10,99 @@ import pytest
 
 from tests.coupled_case import block_model, heavy, slipping
 from tests.run.test_planning import largest_speed_after
+from valvefsi import fsi
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
 from valvefsi.run.planning import step_limits
-from valvefsi.run.stable_step import _largest_eigenvalue, measured_limit
+from valvefsi.run.stable_step import (
+    RESIDUAL,
+    TRACKED_PRODUCTS,
+    _largest_mode,
+    _unit,
+    _with_others,
+    has_changed,
+    measured_limit,
+    stable_step,
+    stored_energies,
+)
+
+
+def products_of(a, others):
+    return np.array([np.vdot(a, b) for b in others])
 
 
 def test_lanczos_finds_the_largest_eigenvalue_of_a_product():
     rng = np.random.default_rng(2)
     A, B = rng.standard_normal((2, 40, 40))
     K, M = A @ A.T + np.eye(40), B @ B.T
-    found = _largest_eigenvalue(lambda x: K @ x, lambda x: M @ x, np.vdot, rng.standard_normal(40))
-    assert found == pytest.approx(np.linalg.eigvals(M @ K).real.max(), rel=1e-3)
+    x = rng.standard_normal(40)
+    found = _largest_mode(lambda x: K @ x, lambda x: M @ x, products_of, (x, K @ x))
+    assert found.value == pytest.approx(np.linalg.eigvals(M @ K).real.max(), rel=1e-3)
+    rest = M @ K @ found.vector - found.value * found.vector
+    assert np.sqrt(rest @ K @ rest) < 0.1 * found.value
+
+
+def test_a_mode_that_has_outgrown_the_known_one_is_found():
+    """A start from an eigenvector alone would never leave it."""
+    values = np.concatenate([[2.0, 1.0], np.linspace(0.02, 0.9, 38)])
+    K, known = np.diag(values), np.eye(40)[1]
+    others = np.random.default_rng(5).standard_normal(40)
+    unit = _unit(known, lambda x: K @ x, products_of)
+    start = _with_others(unit, _unit(others, lambda x: K @ x, products_of))
+    options = (TRACKED_PRODUCTS, RESIDUAL)
+    assert _largest_mode(lambda x: K @ x, lambda x: x, products_of, unit, *options).value < 1.0 + 1e-9
+    found = _largest_mode(lambda x: K @ x, lambda x: x, products_of, start, *options)
+    assert found.value == pytest.approx(2.0, rel=RESIDUAL)
+
+
+def test_a_measurement_from_the_last_mode_is_as_good_as_one_from_nothing():
+    model = block_model(load=2.0, tether=50.0)
+    dt = step_limits(model)["elastic, block"]
+    state = fsi.initial_state(model, dt)
+    for _ in range(3):
+        now = stable_step(model, state, dt)
+        state = replace(state, modes=now.modes, energies=now.energies)
+        for _ in range(10):
+            state = fsi.step(model, state, dt)
+        fluid, solves = count_solves(model)
+        tracked = stable_step(replace(model, fluid=fluid), state, dt).limit
+        assert len(solves) <= 4
+        assert tracked == pytest.approx(measured_limit(model, dt, 0, at=state), rel=0.02)
+
+
+def count_solves(model):
+    """The fluid of a model and a list that grows with its steps."""
+    fluid, solves = copy(model.fluid), []
+
+    def step(*args):
+        solves.append(None)
+        return model.fluid.step(*args)
+
+    fluid.step = step
+    return fluid, solves
+
+
+def test_a_load_that_changes_the_energy_by_a_fifth_calls_for_a_measurement():
+    model = block_model(load=2.0, tether=50.0)
+    state = fsi.initial_state(model, 0.01)
+    X = state.bodies[0]["chi"]
+
+    def stretched(factor):
+        moved = X.copy()
+        moved[:, 1] *= factor
+        return replace(state, bodies=({"chi": moved},))
+
+    then = replace(state, energies=stored_energies(model, stretched(1.1)))
+    assert not has_changed(model, replace(stretched(1.1), energies=then.energies))
+    assert not has_changed(model, replace(stretched(1.105), energies=then.energies))
+    assert has_changed(model, replace(stretched(1.112), energies=then.energies))
+    assert has_changed(model, replace(stretched(1.088), energies=then.energies))
+    assert not has_changed(model, replace(stretched(1.0 + 1e-4), energies=(0.0,)))
+    # Where the longest step is half of what the limit allows, a load may take four times as much and give off all.
+    assert not has_changed(model, replace(stretched(1.125), energies=then.energies), 2.0)
+    assert has_changed(model, replace(stretched(1.145), energies=then.energies), 2.0)
+    assert not has_changed(model, replace(stretched(1.0), energies=then.energies), 2.0)
 
 
 def stays_calm(model, dt):

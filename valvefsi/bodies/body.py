@@ -81,6 +81,7 @@ class BodyBase(ABC):
         ids: Their numbers among the points of all ranks, ``(n,)``.
         num_points: Number of points on all ranks.
         solid: The deformable solid it is made of, None for a rigid one.
+        derived: Tables of its state that follow from the fluid's velocity, which a checkpoint need not hold.
     """
 
     name: str
@@ -88,6 +89,7 @@ class BodyBase(ABC):
     ids: Indices
     num_points: int
     solid: Structure | None = None
+    derived: frozenset[str] = frozenset()
 
     def rows(self, key: str) -> tuple[Indices, int]:
         """Return the numbers of this rank's rows of a table of its state, and how many all ranks have.
@@ -117,6 +119,18 @@ class BodyBase(ABC):
             Collective.
         """
         return self.start(u)
+
+    def completed(self, q: Table, u: Faces) -> Table:
+        """Return the state that a checkpoint holds, with derived tables that one of an earlier version lacks.
+
+        Args:
+            q: What it holds.
+            u: Velocity on the faces, ghosts filled [cm/s].
+
+        Note:
+            Collective.
+        """
+        return q
 
     def timed(self, table: dict[str, float]) -> Self:
         """Return the body with a clock around its parts, which adds wall-clock time by phase to the table [s]."""

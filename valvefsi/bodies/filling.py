@@ -60,7 +60,7 @@ class Filling(RigidSurface):
 
     def memory(self) -> int:
         """Return the bytes that a step takes for it on this rank: places, numbers and volumes, and its vectors."""
-        return 8 * (3 * self.num_points + 21 * len(self.X))
+        return 8 * (3 * self.num_points + 24 * len(self.X))
 
 
 class _Cells:

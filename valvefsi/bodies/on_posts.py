@@ -19,7 +19,6 @@ import numpy as np
 
 from valvefsi.bodies.body import BodyBase, Entry, Series, SmallMotion
 from valvefsi.bodies.posts import Attachment
-from valvefsi.bodies.rigid import RigidHalf
 from valvefsi.geometry.stent_posts import MEAN_SHAPE
 from valvefsi.runtime.clock import TimedCoupling
 from valvefsi.units import MMHG
@@ -43,12 +42,37 @@ SMALL = 0.1
 """Deflection over length up to which a bar bends as its linear theory says."""
 
 
+@dataclass(frozen=True)
+class WallHalf:
+    """The posts' wall halfway through a step, its kernels where the posts are then."""
+
+    d: Array
+    force: Array
+    transfer: Transfer
+    surface: RigidSurface
+    dt: float
+
+    def spread(self, f: Faces) -> None:
+        """Add the forces to the force density f on the faces [dyn/cm^3]. Collective."""
+        self.transfer.spread(self.force, out=f)
+
+    def velocity(self, u_half: Faces) -> Array:
+        """Return what is held of the velocity of the fluid at the points, ``(n, 3)`` [cm/s]. Collective."""
+        return self.surface.held(self.transfer.interpolate(u_half))
+
+    def whole(self, U: Array) -> Table:
+        """Return the state after the step, carried by the velocity U at its middle."""
+        d: Array = self.d + self.dt * U
+        self.surface.slip_back(d, self.d, self.dt)
+        return {"d": d}
+
+
 @dataclass(frozen=True, kw_only=True)
 class OnPostsHalf:
     """Leaflets on posts halfway through a step; the posts are through with it."""
 
     leaflets: ElasticHalf
-    wall: RigidHalf
+    wall: WallHalf
     posts: Array
 
     @property
@@ -112,7 +136,7 @@ class OnPosts(BodyBase):
             raise ValueError(f"no tether holds {leaflets.name} on {', '.join(tags)} alone")
         shape = places.shape(self.X)
         self.edge = self._attachment(self.X, self.spring * shape, self.damper * shape)
-        shape, still = places.shape(wall.X), np.zeros_like(wall.X)
+        shape, still = wall.held(places.shape(wall.X)), np.zeros_like(wall.X)
         self.stent = self._attachment(wall.X, wall.force(-shape, still), wall.force(still, -shape))
         self.total = self.edge.total + self.stent.total
 
@@ -155,14 +179,14 @@ class OnPosts(BodyBase):
         leaflets = self.leaflets.half(q, u, t, dt_old, dt)
         U = 2.0 / dt * (leaflets.chi_half - leaflets.chi)
         pull = self.spring * (self.X - leaflets.chi_half) - self.damper * U
-        V = self._at(motion).interpolate(u)
+        V = self.wall.held(self._at(motion).interpolate(u))
         hold = self.wall.force(q["d"], V, 0.5 * dt)
         # 2. the posts under it, and with what there is more of it
         load = self.comm.allreduce(self.edge.load(pull) + self.stent.load(hold))
         middle = self.oscillator.midpoint(motion, load, self.total, dt)
         leaflets = replace(leaflets, force=leaflets.force + self.edge.force(middle))
         hold = hold + self.stent.force(middle)
-        wall = RigidHalf(q["d"], hold, self._at(middle), self.wall, dt)
+        wall = WallHalf(q["d"], hold, self._at(middle), self.wall, dt)
         # 3. the posts after the step
         posts = (2.0 * middle - motion)[self.rows("posts")[0]]
         return OnPostsHalf(leaflets=leaflets, wall=wall, posts=posts)

@@ -1,8 +1,9 @@
 """Rigid surfaces: points on a surface that stay where they are (Lee2020, section C: the aortic test section).
 
 Springs and dampers hold each point, F = w (-kappa d - eta U), with d the way the fluid has carried it. As d is a small
-part of a grid spacing, the kernel stays where the point is at rest: its weights are made once, and every rank keeps the
-points of its own cells.
+part of a grid spacing, the kernel stays where the point is at rest: every rank keeps the points of its own cells, and
+what they feel is linear in the fluid's velocity. So it is read once a step, at its middle: the velocity at the end is
+twice that less the one at the beginning.
 
 Where points lie closer than their kernel tells apart, springs whose forces cancel in it grow for as long as a run lasts
 and thicken the surface. `valvefsi.bodies.patches` holds them in patches, which nothing drives through the surface; or
@@ -37,33 +38,34 @@ class RigidHalf:
     """A rigid surface halfway through a step."""
 
     d: Array
+    U: Array
     force: Array
-    transfer: Transfer
     surface: RigidSurface
     dt: float
 
     def spread(self, f: Faces) -> None:
         """Add the forces to the force density f on the faces [dyn/cm^3]. Collective."""
-        self.transfer.spread(self.force, out=f)
+        self.surface.transfer.spread(self.force, out=f)
 
     def velocity(self, u_half: Faces) -> Array:
-        """Return the velocity of the fluid at the points, ``(n, 3)`` [cm/s]. Collective."""
-        return self.transfer.interpolate(u_half)
+        """Return what is held of the velocity of the fluid at the points, ``(n, 3)`` [cm/s]. Collective."""
+        return self.surface.felt(u_half)
 
     def whole(self, U: Array) -> Table:
-        """Return the state after the step, carried by the velocity U at its middle. Collective."""
-        v = self.surface.held(U)
-        if self.surface.slips:
-            v = v - self.surface.back(self.d)
-        d: Array = self.dt * v
+        """Return the state after the step, carried by the velocity U at its middle, the mean of both ends."""
+        d: Array = self.dt * U
         d += self.d
-        return {"d": d}
+        self.surface.slip_back(d, self.d, self.dt)
+        U_new: Array = 2.0 * U
+        U_new -= self.U
+        return {"d": d, "U": U_new}
 
 
 class RigidSurface(BodyBase):
     """A rigid surface; every rank holds the points in its own cells.
 
-    Its state is ``d``, how far the fluid has carried its points, ``(n, 3)`` [cm].
+    Its state is ``d``, how far the fluid has carried its points, and ``U``, the velocity of the fluid there, ``(n, 3)``
+    [cm, cm/s].
 
     Args:
         points: The points of the whole surface, the same on all ranks, ``(num_points, 3)`` [cm].
@@ -84,6 +86,8 @@ class RigidSurface(BodyBase):
     Raises:
         StabilityError: A point lies too near to a side, on the rank of the point.
     """
+
+    derived = frozenset({"U"})
 
     def __init__(
         self,
@@ -110,18 +114,25 @@ class RigidSurface(BodyBase):
         self.slipping = np.zeros(0, dtype=np.int64)
         if not isinstance(self.slip, float | int):
             self.slipping = np.flatnonzero(self.slip.any(axis=(1, 2)))
+            self._rates: Array = self.slip[self.slipping]
         self.transfer: Transfer = coupling.stay(self.X)
         self.weights = areas[self.ids]
 
     def start(self, u: Faces) -> Table:
         """Return the state at t = 0."""
-        return {"d": np.zeros_like(self.X)}
+        return {"d": np.zeros_like(self.X), "U": self.felt(u)}
+
+    def completed(self, q: Table, u: Faces) -> Table:
+        """Return the state with the velocity that earlier versions did not keep, see `BodyBase`. Collective."""
+        return q if "U" in q else {"d": self.held(q["d"]), "U": self.felt(u)}
+
+    def felt(self, u: Faces) -> Array:
+        """Return what is held of the velocity of the fluid at the points, ``(n, 3)`` [cm/s] (collective)."""
+        return self.held(self.transfer.interpolate(u))
 
     def half(self, q: Table, u: Faces, t: float, dt_old: float, dt: float) -> RigidHalf:
-        """Move half a step with the velocity that the points feel now, see `valvefsi.types.Body`. Collective."""
-        U = self.transfer.interpolate(u)
-        force = self.force(q["d"], U, 0.5 * dt)
-        return RigidHalf(q["d"], force, self.transfer, self, dt)
+        """Move half a step with the velocity that the points feel now, which its state holds."""
+        return RigidHalf(q["d"], q["U"], self.force(q["d"], q["U"], 0.5 * dt), self, dt)
 
     def stored(self, q: Table) -> float:
         """Return the energy of its springs [erg] (collective)."""
@@ -129,25 +140,25 @@ class RigidSurface(BodyBase):
         return self.comm.allreduce(here)
 
     def force(self, d: Array, U: Array, ahead: float = 0.0) -> Array:
-        """Return the force on the fluid of points carried by d, moving with U for a time ahead, ``(n, 3)`` [dyn]."""
+        """Return the force on the fluid, ``(n, 3)`` [dyn].
+
+        Args:
+            d: How far the points are carried, of what is held, ``(n, 3)`` [cm].
+            U: Velocity that they move with, of what is held, ``(n, 3)`` [cm/s].
+            ahead: For how long [s].
+        """
         F = np.empty_like(d)
-        rigid_kernels.tractions(F, d, U, ahead, (self.stiffness, self.damping))
-        F = self.held(F)
-        F *= self.weights[:, None]
+        rigid_kernels.spring_forces(F, d, U, self.weights, ahead, (self.stiffness, self.damping))
         return F
 
-    @property
-    def slips(self) -> bool:
-        """Whether any of its points slips back."""
-        return not isinstance(self.slip, float | int) or self.slip > 0.0
-
-    def back(self, d: Array) -> Array:
-        """Return the velocity at which points carried by d slip back, ``(n, 3)`` [cm/s]."""
+    def slip_back(self, out: Array, d: Array, dt: float) -> None:
+        """Take from ``out`` how far points carried by d slip back in a time dt, both ``(n, 3)`` [cm]."""
         if isinstance(self.slip, float | int):
-            return self.slip * d
-        v, at = np.zeros_like(d), self.slipping
-        v[at] = np.einsum("nij,nj->ni", self.slip[at], d[at])
-        return v
+            if self.slip > 0.0:
+                out -= dt * self.slip * d
+            return
+        at = self.slipping
+        out[at] -= dt * np.einsum("nij,nj->ni", self._rates, d[at])
 
     def held(self, v: Array) -> Array:
         """Return what the springs and dampers hold of a vector at the points, ``(n, 3)``: all of it (collective)."""

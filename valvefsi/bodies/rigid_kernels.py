@@ -10,12 +10,14 @@ kernel = numba.njit(cache=True, error_model="numpy")
 
 
 @kernel
-def tractions(out: Array, d: Array, U: Array, ahead: float, law: tuple[float, float]) -> None:
-    """Springs and dampers of points that are carried by d + ahead U, out = -kappa (d + ahead U) - eta U."""
+def spring_forces(
+    out: Array, d: Array, U: Array, weights: Array, ahead: float, law: tuple[float, float]
+) -> None:
+    """Springs and dampers of points carried by d + ahead U, out_k = -w_k (kappa (d_k + ahead U_k) + eta U_k)."""
     kappa, eta = law
     for k in range(len(out)):
         for i in range(3):
-            out[k, i] = -kappa * (d[k, i] + ahead * U[k, i]) - eta * U[k, i]
+            out[k, i] = -weights[k] * (kappa * d[k, i] + (kappa * ahead + eta) * U[k, i])
 
 
 @kernel

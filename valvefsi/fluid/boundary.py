@@ -218,6 +218,12 @@ class Boundary:
 
     # Velocity ---------------------------------------------------------------------------------------------------
 
+    @property
+    def walls_move(self) -> bool:
+        """Whether a velocity other than zero is given on any side."""
+        walls = (place.side.velocity for place in self.places if isinstance(place.side, Wall))
+        return any(callable(velocity) or any(velocity) for velocity in walls)
+
     def fill(self, u: Faces, *times: float) -> None:
         """Set the boundary faces that are given and the ghost layers beyond each side, in place.
 

@@ -148,7 +148,11 @@ def save(
 
 
 def load_latest(
-    directory: Path, request: Request, rows_request: Mapping[str, NDArray[Any]], comm: MPI.Comm
+    directory: Path,
+    request: Request,
+    rows_request: Mapping[str, NDArray[Any]],
+    comm: MPI.Comm,
+    optional: Mapping[str, NDArray[Any]] | None = None,
 ) -> tuple[dict[str, Any], Arrays, Arrays] | None:
     """Read the newest checkpoint that is whole.
 
@@ -157,6 +161,7 @@ def load_latest(
         request: Start and size of this rank's part of each distributed array.
         rows_request: Numbers of the rows this rank wants of each table.
         comm: Communicator of the run, of any size.
+        optional: The same for tables that a file need not hold.
 
     Returns:
         What ``save`` was given as meta, with "step", and this rank's parts of the arrays and rows of the
@@ -168,18 +173,15 @@ def load_latest(
     Note:
         Collective. Warns (on rank 0) about each damaged file that it passes over.
     """
-    directory = Path(directory)
     paths = comm.bcast(list_checkpoints(directory)[::-1] if comm.rank == 0 else None, root=0)
     for number, path in enumerate(paths):
         header, reason = _inspect(path, comm)
         if reason is None:
-            return _read(path, header, request, rows_request, comm)
+            there = {k: ids for k, ids in (optional or {}).items() if k in header["arrays"]}
+            return _read(path, header, request, {**rows_request, **there}, comm)
         if comm.rank == 0:
-            then = (
-                f"using {paths[number + 1].name} instead"
-                if number + 1 < len(paths)
-                else "there is none before it"
-            )
+            left = paths[number + 1 :]
+            then = f"using {left[0].name} instead" if left else "there is none before it"
             warnings.warn(f"checkpoint {path} is damaged ({reason}), {then}", stacklevel=2)
     if paths:
         raise CaseError("no checkpoint in this folder can be used, all are damaged", file=directory)
@@ -188,9 +190,8 @@ def load_latest(
 
 def list_checkpoints(directory: Path) -> list[Path]:
     """Return the checkpoints in a folder, oldest step first."""
-    found = [
-        (NAME.fullmatch(path.name), path) for path in Path(directory).glob("step_*.vfc") if path.is_file()
-    ]
+    paths = Path(directory).glob("step_*.vfc")
+    found = [(NAME.fullmatch(path.name), path) for path in paths if path.is_file()]
     return [path for _, path in sorted((int(match[1]), path) for match, path in found if match)]
 
 
@@ -366,10 +367,10 @@ def _read_header(path: Path) -> tuple[dict[str, Any], str | None]:
         with path.open("rb") as file:
             prefix = file.read(PREFIX)
             if prefix[:8] in OLD:
-                return (
-                    {},
-                    "a checkpoint of an earlier version, which this one does not read: start the run anew",
+                reason = (
+                    "a checkpoint of an earlier version, which this one does not read: start the run anew"
                 )
+                return {}, reason
             if len(prefix) < PREFIX or prefix[:8] != MAGIC:
                 return {}, "not a checkpoint"
             length, crc = (int(value) for value in np.frombuffer(prefix[8:], dtype="<u8"))
@@ -417,9 +418,8 @@ def _read(
             slices = tuple(slice(s, s + n) for s, n in zip(start, size, strict=True))
             array = _array(path, header, name)
             if len(slices) != array.ndim or any(s.stop > n for s, n in zip(slices, array.shape, strict=True)):
-                raise CaseError(
-                    f"it has the shape {array.shape}, another grid was asked for", file=path, key=name
-                )
+                message = f"it has the shape {array.shape}, another grid was asked for"
+                raise CaseError(message, file=path, key=name)
             fields[name] = np.array(array[slices])
         for name, ids in rows_request.items():
             array = _array(path, header, name)

@@ -21,6 +21,7 @@ import numpy as np
 from valvefsi.errors import CaseError, raise_together
 from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import Body, write_body
+from valvefsi.runtime import threads
 from valvefsi.types import Array, Indices
 
 if TYPE_CHECKING:
@@ -353,7 +354,13 @@ def _array(name: str, components: int, kind: str = "Float32") -> dict[str, str]:
 def _packed(values: Array) -> bytes:
     """Return an array as VTK's compressed blocks: their number, size, size of the last, packed sizes, data."""
     raw = memoryview(values).cast("B") if values.size else b""
-    parts = [zlib.compress(raw[k : k + BLOCK], 1) for k in range(0, len(raw), BLOCK)]
+    parts = [b""] * -(-len(raw) // BLOCK)
+
+    def pack(first: int, last: int) -> None:
+        for k in range(first, last):
+            parts[k] = zlib.compress(raw[k * BLOCK : (k + 1) * BLOCK], 1)
+
+    threads.divide(pack, 0, len(parts), least=1)
     header = np.array([len(parts), BLOCK, len(raw) % BLOCK, *map(len, parts)], dtype=np.uint64)
     return b"".join([header.tobytes(), *parts])
 

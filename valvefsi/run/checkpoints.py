@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,9 @@ from valvefsi.run.energy import EnergyMeter
 from valvefsi.run.forces import ForceMeter
 from valvefsi.run.health import Health
 from valvefsi.run.recording import Output, grid_part
+from valvefsi.run.stable_step import NO_MODE
 from valvefsi.run.statistics import Statistics
+from valvefsi.types import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -63,9 +66,11 @@ def save_state(model: Model, state: State, output: Output, memory: Memory, *, fi
         name: checkpoint.Rows(state.bodies[k][key], *model.bodies[k].rows(key))
         for name, (k, key) in tables_of(model, state).items()
     }
+    for name, k in (modes_of(model) if state.modes else {}).items():
+        rows[name] = checkpoint.Rows(state.modes[k], model.bodies[k].ids, model.bodies[k].num_points)
     meta: dict[str, Any] = {"t": state.t, "step": state.step, "dt": state.dt, "finished": finished}
     meta["dt_stable"] = state.dt_stable if math.isfinite(state.dt_stable) else None
-    meta["measure_at"] = state.measure_at
+    meta["measure_at"], meta["energies"] = state.measure_at, list(state.energies)
     meta["circuits"] = [float(value) for value in state.circuits]
     meta["given"] = state.given.tolist()
     meta["statistics"] = statistics.meta()
@@ -86,8 +91,8 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     averages = statistics.fields()
     request |= {name: (grid.start, array.shape) for name, array in averages.items()}
     tables = tables_of(model, fsi.initial_state(model, 1.0))
-    rows = {name: model.bodies[k].rows(key)[0] for name, (k, key) in tables.items()}
-    found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm)
+    rows, optional = _rows_of(model, tables)
+    found = checkpoint.load_latest(output.directory / "checkpoints", request, rows, grid.comm, optional)
     if found is None:
         return None
     meta, fields, points = found
@@ -99,24 +104,50 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     arrays = {name: grid.zeros() for name in places}
     for name, place in places.items():
         arrays[name][place] = fields[name]
-    u = tuple(arrays[f"u{d}"] for d in range(grid.dim))
     grid.exchange((arrays["p"],), width=1)
+    u = model.fluid.fill(tuple(arrays[f"u{d}"] for d in range(grid.dim)), meta["t"])
+    N = tuple(arrays[f"N{d}"] for d in range(grid.dim))
+    bodies = [
+        {key: points[name] for name, (number, key) in tables.items() if number == k and name in points}
+        for k in range(len(model.bodies))
+    ]
     return State(
-        t=meta["t"],
-        step=meta["step"],
-        dt=meta["dt"],
-        dt_stable=math.inf if meta.get("dt_stable") is None else meta["dt_stable"],
-        measure_at=meta.get("measure_at", 0),
-        u=model.fluid.fill(u, meta["t"]),
+        u=u,
         p=arrays["p"],
-        N=tuple(arrays[f"N{d}"] for d in range(grid.dim)),
-        bodies=tuple(
-            {key: points[name] for name, (number, key) in tables.items() if number == k}
-            for k in range(len(model.bodies))
-        ),
+        N=N,
+        bodies=tuple(body.completed(q, u) for body, q in zip(model.bodies, bodies, strict=True)),
         circuits=np.array(meta["circuits"]),
         given=np.array(meta["given"]).reshape(-1, 4),
+        **{key: meta[key] for key in ("t", "step", "dt")},
+        **_measured(model, meta, points),
     )
+
+
+def _rows_of(
+    model: Model, tables: Mapping[str, tuple[int, str]]
+) -> tuple[dict[str, Indices], dict[str, Indices]]:
+    """Return the numbers of this rank's rows of the tables that a checkpoint must hold, and of those it may."""
+    rows: dict[str, Indices] = {}
+    optional = {name: model.bodies[k].ids for name, k in modes_of(model).items()}
+    for name, (k, key) in tables.items():
+        (optional if key in model.bodies[k].derived else rows)[name] = model.bodies[k].rows(key)[0]
+    return rows, optional
+
+
+def _measured(model: Model, meta: dict[str, Any], points: dict[str, Array]) -> dict[str, Any]:
+    """Return what a state holds of the last measurement of the stable step; it is to be made anew where it is not."""
+    names = {k: name for name, k in modes_of(model).items()}
+    limit = math.inf if meta.get("dt_stable") is None else meta["dt_stable"]
+    if "energies" not in meta or not points.keys() >= set(names.values()):
+        return {"dt_stable": limit, "measure_at": 0}
+    modes = tuple(points[names[k]] if k in names else NO_MODE for k in range(len(model.bodies)))
+    energies = tuple(meta["energies"])
+    return {"dt_stable": limit, "measure_at": meta["measure_at"], "modes": modes, "energies": energies}
+
+
+def modes_of(model: Model) -> dict[str, int]:
+    """Return the numbers of the bodies with a mode that limits the step, by its name in a checkpoint."""
+    return {f"mode_{k}_{body.name}": k for k, body in enumerate(model.bodies) if body.solid is not None}
 
 
 def tables_of(model: Model, state: State) -> dict[str, tuple[int, str]]:

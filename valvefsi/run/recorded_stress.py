@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from valvefsi.io.history import History, read_history
 from valvefsi.io.paraview import BodySeries
+from valvefsi.solid.peaks import AT_POINTS, Peaks, columns_of, parts_of
 
 if TYPE_CHECKING:
     from valvefsi.fsi import Model, State
     from valvefsi.run.recording import Output
-    from valvefsi.solid.peaks import Peaks
     from valvefsi.solid.stress import Stress
     from valvefsi.solid.structure import Structure
+    from valvefsi.types import Array
 
 KILOPASCAL = 1.0e4
 """[dyn/cm^2]"""
@@ -47,13 +48,12 @@ class StressRecorder:
             self._open_peaks(output, output.orifice.body, resume)
 
     def _open_peaks(self, output: Output, valve: int, resume: State | None) -> None:
-        from valvefsi.solid.peaks import Peaks, columns_of, parts_of
-
         self.valve = valve
         solid = self._solid(valve)
         parts = parts_of(solid.mesh)
-        degree = solid.discretisation.force_degree
-        self.peaks = Peaks(_stress(solid, quadrature_degree=degree), parts)
+        stress = _stress(solid, quadrature_degree=solid.discretisation.force_degree)
+        same = [s for number, _, s in self.series if number == valve and s.degree == stress.degree]
+        self.peaks = Peaks(same[0] if same else stress, parts)
         columns = ["step", "t_s", *map(_named, columns_of(list(parts)))]
         step = resume.step if resume else None
         self.table = History(output.directory / PEAKS, columns, self.model.grid.comm, step)
@@ -66,13 +66,18 @@ class StressRecorder:
 
     def write(self, state: State) -> None:
         """Write the stress of a state. Collective."""
+        shared: dict[str, Array] | None = None
         for number, series, stress in self.series:
             self._solid(number).jacobian(state.bodies[number]["chi"])  # puts it where it is now
             asked = [q for q in self.asked if q != "fibre_stretch" or stress.has_fibre]
-            series.write(state.t, stress.gather(*asked))
+            together = self.peaks is not None and stress is self.peaks.stress
+            values = stress.at_points(*stress.projected(*asked).union(AT_POINTS if together else ()))
+            series.write(state.t, stress.gather(*asked, values=values))
+            shared = values if together else shared
         if self.peaks is not None:
             self._solid(self.valve).jacobian(state.bodies[self.valve]["chi"])
-            row = {_named(name): value / _unit(name) for name, value in self.peaks.now().items()}
+            peaks = self.peaks.now(shared)
+            row = {_named(name): value / _unit(name) for name, value in peaks.items()}
             self.table.append({"step": state.step, "t_s": state.t} | row)
 
 

@@ -61,6 +61,10 @@ class Schedule:
         """Return the length of the step after a state [s]."""
         return self.dt
 
+    def spare(self, state: State) -> float:
+        """Return what the stable step allows as a part of the longest step: nothing is asked of it."""
+        return math.inf
+
     def share(self, state: State) -> float:
         """Return the part of the run that is done, 0 to 1."""
         return 1.0 if self.finished(state) else min(1.0, state.t / (self.num_steps * self.dt))
@@ -82,8 +86,8 @@ class AdaptiveSchedule:
         growth: Largest ratio of a step to the one before.
         max_recoveries: Times a run may go back to its last good state and take shorter steps.
         share_stable: Part of the measured stable step that is taken.
-        measure_every: Steps between measurements of the stable step, which cost about eight steps of the fluid and the
-            solid; 0 for never.
+        measure_every: Most steps between measurements of the stable step, which cost about one step each; it is
+            measured sooner where the energy stored in a body has changed, see `valvefsi.run.stable_step`. 0 for never.
 
     Raises:
         ValueError: ``cfl`` is above ``cfl_max``, or ``growth`` not above 1.
@@ -96,7 +100,7 @@ class AdaptiveSchedule:
     growth: float = 1.1
     max_recoveries: int = 5
     share_stable: float = 0.8
-    measure_every: int = 100
+    measure_every: int = 400
 
     def __post_init__(self) -> None:
         """Check the limits."""
@@ -131,6 +135,10 @@ class AdaptiveSchedule:
         left = self.t_end - state.t
         steps = math.ceil(left / dt - 1e-9)
         return left / steps if steps <= 2 else dt
+
+    def spare(self, state: State) -> float:
+        """Return what the stable step that was last measured allows, as a part of the longest step."""
+        return self.share_stable * state.dt_stable / self.dt
 
     def share(self, state: State) -> float:
         """Return the part of the run that is done, 0 to 1."""

@@ -23,14 +23,14 @@ from valvefsi.run.checkpoints import load_state, memory_of, refuse_to_overwrite,
 from valvefsi.run.disk import warn_of_disk
 from valvefsi.run.recording import Output, Recorder, box_of
 from valvefsi.run.schedule import AdaptiveSchedule, Schedule, check_end
-from valvefsi.run.stable_step import stable_step
+from valvefsi.run.stable_step import has_changed, stable_step
 from valvefsi.runtime.clock import Timed
 from valvefsi.runtime.memory import forget_earlier_runs, keep_freed_memory
 from valvefsi.runtime.signals import collected_signals
 from valvefsi.types import Array, Progress
 
-MEASURED_PRODUCTS = 8
-"""Products of the Lanczos method by which a run measures its stable step: the limit to some per cent."""
+LOOKS = 16
+"""Times between two measurements of the stable step that a run looks whether it must come sooner."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,7 +188,7 @@ class Simulation:
         good, row, cuts, retries, saved = (state, rate), {}, 0, 0, time.perf_counter()
         while not schedule.finished(state):
             try:
-                if schedule.measure_every and state.step >= state.measure_at:
+                if schedule.measure_every and self._measuring_due(state):
                     state = self._measured(state)
                 new = fsi.step(model, state, schedule.next_dt(state, rate) * (0.5**cuts))
                 rate, stop, late = self._check(new, received, time.perf_counter() - saved)
@@ -217,11 +217,23 @@ class Simulation:
                     )
         return state
 
+    def _measuring_due(self, state: State) -> bool:
+        """Whether the stable step is measured now: after the longest time, or as a body is no longer what it was."""
+        left = state.measure_at - state.step
+        if left <= 0:
+            return True
+        every = max(1, self.schedule.measure_every // LOOKS)
+        if left % every or left == self.schedule.measure_every:
+            return False
+        with self._clock("stable step"):
+            return has_changed(self.model, state, self.schedule.spare(state))
+
     def _measured(self, state: State) -> State:
         """Return a state with the largest stable step, for steps about as long as the longest (collective)."""
         with self._clock("stable step"):
-            limit = stable_step(self.model, state, self.schedule.dt, MEASURED_PRODUCTS)
-        return replace(state, dt_stable=limit, measure_at=state.step + self.schedule.measure_every)
+            now = stable_step(self.model, state, self.schedule.dt)
+        at = state.step + self.schedule.measure_every
+        return replace(state, dt_stable=now.limit, measure_at=at, modes=now.modes, energies=now.energies)
 
     def _due(self, old: State, new: State) -> bool:
         """Whether the elements are checked: whatever is written has passed."""

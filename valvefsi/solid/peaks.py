@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from mpi4py import MPI
     from numpy.typing import NDArray
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 SHARE = 0.99
 """Part of the reference volume that does not exceed the percentile; the peak of a corner is no measure of a leaflet."""
+AT_POINTS = ("principal_stretches", "von_mises")
+"""Quantities that the peaks follow from."""
 MEASURES = ("green_strain", "von_mises")
 """Largest principal Green strain [-], von Mises' equivalent of the Cauchy stress [dyn/cm^2]."""
 
@@ -50,9 +52,13 @@ class Peaks:
     def __init__(self, stress: Stress, parts: dict[str, NDArray[np.int32]]) -> None:
         self.stress, self.parts = stress, parts
 
-    def now(self) -> dict[str, float]:
-        """Return the peaks of the present deformation by column, the same on all ranks. Collective."""
-        values = self.stress.at_points("principal_stretches", "von_mises")
+    def now(self, values: Mapping[str, Array] | None = None) -> dict[str, float]:
+        """Return the peaks of the present deformation by column, the same on all ranks. Collective.
+
+        Args:
+            values: `AT_POINTS` at the points now; evaluated here if left out.
+        """
+        values = self.stress.at_points(*AT_POINTS) if values is None else values
         of = {
             "green_strain": 0.5 * (values["principal_stretches"][..., 0] ** 2 - 1.0),
             "von_mises": values["von_mises"],

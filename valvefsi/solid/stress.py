@@ -6,6 +6,7 @@ plane, which von Mises' stress needs.
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -154,39 +155,62 @@ class Stress:
             raise CaseError("this body has no fibres", key="quantity", value="fibre_stretch")
         return {name: _quantity(name, F, P, fibre) for name in names}
 
+    @functools.cached_property
+    def measure(self) -> Array:
+        """The reference cells' |det dX/dxi| at the quadrature points of this rank, ``(num_cells, num_points)``."""
+        return self._evaluate()[2].copy()
+
     def point_volumes(self) -> Array:
         """Return the reference volume that each quadrature point stands for, ``(num_cells, num_points)``."""
-        return self._evaluate()[2] * self.weights
+        return self.measure * self.weights
 
-    def at_nodes(self, *names: str) -> dict[str, fem.Function]:
+    @staticmethod
+    def projected(*names: str) -> set[str]:
+        """Return the quantities at the points that those at the nodes follow from."""
+        return {"cauchy" if name in OF_CAUCHY else name for name in names}
+
+    def at_nodes(self, *names: str, values: Mapping[str, Array] | None = None) -> dict[str, fem.Function]:
         """Return quantities as functions of first degree, by L2 projection.
 
         Von Mises' stress is that of the projected Cauchy stress, and so never negative; principal stresses are, too.
 
+        Args:
+            names: Names of `QUANTITIES`.
+            values: What they follow from at the points now, see `projected`; evaluated here if left out.
+
         Note:
             Collective.
         """
-        measure = self._evaluate()[2]
-        asked = {"cauchy" if name in OF_CAUCHY else name for name in names}
-        values = self.at_points(*sorted(asked))
-        with _Projection(self.mesh, self.points, self.weights, self.degree) as projection:
-            nodes = {name: projection.project(values[name], measure, name) for name in values}
+        needed = sorted(self.projected(*names))
+        values = self.at_points(*needed) if values is None else values
+        with _Projection(self._nodal) as projection:
+            nodes = {name: projection.project(values[name], self.measure, name) for name in needed}
         if "von_mises" in names:
-            nodes["von_mises"] = equivalent = fem.Function(projection.space, name="von_mises")
+            nodes["von_mises"] = equivalent = fem.Function(self._nodal.space(1), name="von_mises")
             equivalent.x.array[:] = _von_mises(nodes["cauchy"].x.array.reshape(-1, 3, 3))
         if "principal_stresses" in names:
-            space = fem.functionspace(self.mesh, ("Lagrange", 1, (3,)))
-            nodes["principal_stresses"] = principal = fem.Function(space, name="principal_stresses")
+            nodes["principal_stresses"] = fem.Function(self._nodal.space(3), name="principal_stresses")
+            principal = nodes["principal_stresses"]
             principal.x.array[:] = _principal(nodes["cauchy"].x.array.reshape(-1, 3, 3)).ravel()
         return {name: nodes[name] for name in names}
 
+    @functools.cached_property
+    def _nodal(self) -> _Nodal:
+        return _Nodal(self.mesh, self.points, self.weights, self.degree)
+
+    @functools.cached_property
+    def _motion_space(self) -> fem.FunctionSpace:
+        degree = self.motion.function_space.ufl_element().degree
+        return fem.functionspace(self.mesh, ("Lagrange", degree, (self.dim,)))
+
     def gather(
-        self, *names: str
+        self, *names: str, values: Mapping[str, Array] | None = None
     ) -> tuple[Array, dict[int, NDArray[np.int64]], dict[str, Array], Array] | None:
         """Gather the deformed mesh and projected quantities for pictures and files.
 
         Args:
             names: Names of `QUANTITIES`; none for all there are.
+            values: As of `at_nodes`.
 
         Returns:
             On rank 0 the positions of the nodes ``(n, 3)``, ``{VTK cell type: nodes (num_cells, k)}``, the
@@ -196,9 +220,8 @@ class Stress:
             Collective.
         """
         names = names or tuple(q for q in QUANTITIES if q != "fibre_stretch" or self.has_fibre)
-        functions = self.at_nodes(*names)
-        degree = self.motion.function_space.ufl_element().degree
-        space = fem.functionspace(self.mesh, ("Lagrange", degree, (self.dim,)))
+        functions = self.at_nodes(*names, values=values)
+        space, degree = self._motion_space, self.motion.function_space.ufl_element().degree
         motion = fem.Function(space)
         motion.interpolate(self.motion)
         ids, X, position = _rows(motion)
@@ -262,6 +285,22 @@ def _von_mises(sigma: Array) -> Array:
     return np.sqrt(1.5 * np.sum(deviator**2, axis=(-2, -1)))
 
 
+class _Nodal:
+    """Functions of first degree, and what their projection takes from the mesh alone."""
+
+    def __init__(self, mesh: dolfinx.mesh.Mesh, points: Array, weights: Array, degree: int) -> None:
+        self.mesh, self.spaces = mesh, {1: fem.functionspace(mesh, ("Lagrange", 1))}
+        u, v = ufl.TrialFunction(self.spaces[1]), ufl.TestFunction(self.spaces[1])
+        self.form = compat.compile_form(u * v * ufl.dx(domain=mesh, degree=degree))
+        self.shapes = self.spaces[1].element.basix_element.tabulate(0, points)[0, :, :, 0] * weights[:, None]
+
+    def space(self, width: int) -> fem.FunctionSpace:
+        """Return the space of functions of so many components."""
+        if width not in self.spaces:
+            self.spaces[width] = fem.functionspace(self.mesh, ("Lagrange", 1, (width,)))
+        return self.spaces[width]
+
+
 class _Projection:
     """L2 projection of values at quadrature points to functions of first degree.
 
@@ -269,20 +308,16 @@ class _Projection:
     the communicator of the mesh.
     """
 
-    def __init__(self, mesh: dolfinx.mesh.Mesh, points: Array, weights: Array, degree: int) -> None:
-        self.mesh, self.space = mesh, fem.functionspace(mesh, ("Lagrange", 1))
-        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        form = compat.compile_form(u * v * ufl.dx(domain=mesh, degree=degree))
-        self._A = fem_petsc.assemble_matrix(form)
+    def __init__(self, nodal: _Nodal) -> None:
+        self.nodal, space = nodal, nodal.space(1)
+        self._A = fem_petsc.assemble_matrix(nodal.form)
         self._A.assemble()
-        self._solver = PETSc.KSP().create(mesh.comm)
+        self._solver = PETSc.KSP().create(nodal.mesh.comm)
         self._solver.setOperators(self._A)
         self._solver.setType("cg")
         self._solver.getPC().setType("jacobi")
         self._solver.setTolerances(rtol=1e-12, max_it=1000)
-        element = self.space.element.basix_element
-        self._shapes = element.tabulate(0, points)[0, :, :, 0] * weights[:, None]
-        self._b, self._x = compat.create_vector(self.space), compat.create_vector(self.space)
+        self._b, self._x = compat.create_vector(space), compat.create_vector(space)
 
     def __enter__(self) -> Self:
         return self
@@ -295,11 +330,9 @@ class _Projection:
         """Project ``(num_cells, num_points, ...)``; tensors become flat vectors."""
         flat = values.reshape(*values.shape[:2], -1)
         width = flat.shape[2]
-        space = self.space if width == 1 else fem.functionspace(self.mesh, ("Lagrange", 1, (width,)))
-        result = fem.Function(space, name=name)
-        loads = np.einsum("qk,cq,cqw->ckw", self._shapes, measure, flat)
-        index_map = self.space.dofmap.index_map
-        cells = self.space.dofmap.list[: len(flat)]
+        result, dofmap = fem.Function(self.nodal.space(width), name=name), self.nodal.space(1).dofmap
+        loads = np.einsum("qk,cqw->ckw", self.nodal.shapes, measure[..., None] * flat)
+        index_map, cells = dofmap.index_map, dofmap.list[: len(flat)]
         vector = la.vector(index_map, 1)
         for w in range(width):
             vector.array[:] = 0.0
