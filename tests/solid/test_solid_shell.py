@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -130,6 +131,38 @@ def _placed(X):
     for x in mesh.mesh.geometry.x:
         x[:] = X[np.argmin(np.linalg.norm(solid.X - x, axis=1))]
     return mesh
+
+
+def test_the_stiffness_of_a_brick_at_rest_is_that_of_its_strains():
+    """Linear strains by shape functions: layers as a plane sheet without volume change, shear of the edges, volume."""
+    size = (0.1, 0.08, 0.03)
+    solid = shell(box(MPI.COMM_SELF, size=size, elements=(1, 1, 1)))
+    corners = np.where(solid.X > 1e-9, 1, -1)
+    d, step = np.random.default_rng(4).standard_normal(solid.X.shape), 1e-6
+    found = (elastic(solid, solid.X - step * d) - elastic(solid, solid.X + step * d)) / (2 * step)
+
+    def strain(at):  # symmetric gradient of the displacement d
+        one = 1 + corners * at
+        slopes = [corners[:, i] * np.delete(one, i, axis=1).prod(axis=1) / 8 @ d for i in range(3)]
+        gradient = np.stack(slopes, axis=1) * 2 / size
+        return 0.5 * (gradient + gradient.T)
+
+    g, volume = 1 / math.sqrt(3), math.prod(size)
+    places = [(i * g, j * g) for i in (-1, 1) for j in (-1, 1)]
+    energy = 0.0
+    for (x, y), (z, weight) in itertools.product(places, ((-math.sqrt(0.6), 5), (0, 8), (math.sqrt(0.6), 5))):
+        e = strain((x, y, z))
+        e[2, 2] = -e[0, 0] - e[1, 1]
+        for i, middles in ((0, ((0, -1), (0, 1))), (1, ((-1, 0), (1, 0)))):
+            ends = [strain((*middle, 0))[i, 2] for middle in middles]
+            share = (1 + (y, x)[i]) / 2
+            e[i, 2] = e[2, i] = (1 - share) * ends[0] + share * ends[1]
+        energy += SOFT.c1 * np.sum(e**2) * volume / 4 * weight / 18
+    growth = [np.trace(strain((x, y, 0))) for x, y in places]
+    columns = 2 / 3 * SOFT.c1  # bulk modulus of nu = 0
+    energy += columns / 2 * np.mean(np.square(growth)) * volume
+    energy += (SHELL["kappa"] - columns) / 2 * np.mean(growth) ** 2 * volume
+    assert 0.5 * np.vdot(found, d) == pytest.approx(energy, rel=1e-6)
 
 
 @pytest.mark.parametrize("layers", [1, 2])

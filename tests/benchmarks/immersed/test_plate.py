@@ -12,7 +12,12 @@ from mpi4py import MPI
 
 from valvefsi.benchmarks.immersed.plate import Plate, decay
 from valvefsi.benchmarks.immersed.plate_model import incompressible_deflection
-from valvefsi.benchmarks.immersed.plate_theory import ImmersedPlate, immersed_wave, kernel_wave
+from valvefsi.benchmarks.immersed.plate_theory import (
+    ImmersedPlate,
+    immersed_wave,
+    kernel_wave,
+    slowing,
+)
 from valvefsi.errors import CaseError
 
 THIN = ImmersedPlate(thickness=0.2, length=100.0, height=400.0, modulus=1.0)
@@ -67,9 +72,49 @@ def test_what_the_kernel_adds_falls_with_the_spacing():
     assert ratios == pytest.approx(2.0, abs=0.35)  # first order
 
 
+@pytest.mark.parametrize(("kernel", "boxes"), [("bspline3", 6), ("bspline4", 8), ("composite_bspline43", 8)])
+def test_a_kernel_adds_twice_the_mean_distance_of_two_points_drawn_from_it(kernel, boxes):
+    """The mass of a long wave, against the sum of uniform deviates: each of both points is one of half of them."""
+    plate = replace(THIN, thickness=1e-3, length=2000.0, height=4000.0)
+    cells = 200
+    density = np.ones(cells) / cells
+    for _ in range(boxes - 1):
+        density = np.convolve(density, np.ones(cells) / cells)
+    z = (np.arange(len(density)) - 0.5 * (len(density) - 1)) / cells
+    mass = 2.0 / plate.wave_number
+    added = mass * (slowing(plate, kernel=kernel, h=1.0).across ** -2 - 1.0)
+    assert added == pytest.approx(2.0 * density @ np.abs(z), rel=0.01)
+
+
+def test_what_a_thick_plate_adds_is_its_own_mass_and_half_of_that():
+    """Half of the pairs of points lie in one row, half in both, farther apart than the kernel is wide."""
+    thin, thick = (replace(THIN, thickness=t, length=2000.0, height=4000.0) for t in (1e-3, 8.0))
+    added = [
+        (plate.thickness + 2.0 / plate.wave_number)
+        * (slowing(plate, kernel="bspline3", h=1.0).across ** -2 - 1.0)
+        for plate in (thin, thick)
+    ]
+    assert added[1] == pytest.approx(0.5 * added[0], rel=0.03)
+
+
+@pytest.mark.parametrize("length", [16.0, 64.0])
+@pytest.mark.parametrize("kernel", ["bspline3", "composite_bspline43"])
+def test_the_parts_of_the_slowing_are_all_of_it(kernel, length):
+    """The theory of the kernel without viscosity, of a plate that does not yield to shear, over potential theory."""
+    plate = with_layer(replace(THIN, thickness=0.25, length=length, height=length), 2e-3)
+    s = kernel_wave(plate, kernel=kernel, h=1.0, edge=0.5)
+    parts = slowing(plate, kernel=kernel, h=1.0)
+    product = parts.across * parts.along * parts.turning
+    assert product == pytest.approx(s.imag / plate.potential_frequency(), rel=0.005)
+    assert parts.turning < 1.0 - 0.3 / length
+    assert parts.along < 1.0 - 2.0 / length**2
+
+
 def test_a_kernel_without_a_transform_is_refused():
     with pytest.raises(ValueError, match="ib4 is none"):
         kernel_wave(THIN, kernel="ib4", h=1.0, edge=0.5)
+    with pytest.raises(ValueError, match="ib4 is none"):
+        slowing(THIN, kernel="ib4", h=1.0)
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.4])

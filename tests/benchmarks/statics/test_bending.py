@@ -5,7 +5,17 @@ from __future__ import annotations
 import pytest
 from mpi4py import MPI
 
-from valvefsi.benchmarks.statics.bending import REFERENCE, Bending, deflection
+from valvefsi.benchmarks.statics.bending import (
+    REFERENCE,
+    Bending,
+    Counts,
+    Strip,
+    clamped,
+    deflection,
+    energy_of,
+    free_to_thin,
+    pull,
+)
 from valvefsi.errors import CaseError
 from valvefsi.solid import statics
 from valvefsi.solid.statics import SolidShell, TaylorHood
@@ -20,6 +30,21 @@ def test_a_strip_of_solid_shells_bends_as_it_should_and_one_of_linear_hexahedra_
     linear = statics.NearlyIncompressible(degree=1, kappa=strip.kappa)
     assert shell == pytest.approx(1.0, abs=0.05)
     assert expected / deflection(strip, strip.counts, linear, WORLD) > 5.0
+
+
+def test_a_pulled_strip_is_as_stiff_as_it_should_be_and_a_clamp_that_holds_its_thickness_adds_a_part_of_an_edge():
+    strips = [Strip(edge=edge) for edge in (0.1, 0.05)]
+    free, held = (
+        [energy_of(s, s.counts, SolidShell(kappa=s.kappa), WORLD, fixed=ends(pull)) for s in strips]
+        for ends in (free_to_thin, clamped)
+    )
+    expected = energy_of(strips[0], Counts(10, 4, 1), TaylorHood(), WORLD, fixed=free_to_thin(pull))
+    assert free[0] == pytest.approx(expected, rel=0.01)
+    assert free[1] == pytest.approx(expected, rel=0.004)
+    added = [a / b - 1 for a, b in zip(held, free, strict=True)]
+    assert added == pytest.approx(
+        [2 * 0.1 * s.edge for s in strips], rel=0.05
+    )  # two ends, a tenth of an edge each
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +33,12 @@ from valvefsi.benchmarks.immersed.plate_model import (
     own_deflection,
     place_of,
 )
-from valvefsi.benchmarks.immersed.plate_theory import ImmersedPlate, immersed_wave, kernel_wave
+from valvefsi.benchmarks.immersed.plate_theory import (
+    ImmersedPlate,
+    immersed_wave,
+    kernel_wave,
+    slowing,
+)
 from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import Columns, History, completed
@@ -204,6 +209,8 @@ class Plate(Benchmark[Case, None]):
             edge = plate.length / discrete.elements(plate)
             s = kernel_wave(plate, kernel=self.kernel, h=discrete.h, edge=edge)
             record |= {"kernel_ratio": s.imag / exact.imag, "kernel_damping": -s.real / s.imag}
+            parts = slowing(plate, kernel=self.kernel, h=discrete.h)
+            record |= {f"slowing_{name}": factor for name, factor in asdict(parts).items()}
         return record
 
     def _released(

@@ -19,7 +19,7 @@ from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
 from valvefsi.benchmarks.options import Values, option
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.statics.bending import Counts, Strip
+from valvefsi.benchmarks.statics.bending import Strip
 from valvefsi.benchmarks.statics.bending import material_of as strip_material
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.transfer import Coupling
@@ -70,7 +70,7 @@ class BulkModulus(Benchmark[float, float]):
         return 0.1 * self.thickness
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> tuple[int, int, int]:
         """Elements along both sides and through the thickness."""
         return self.elements, self.elements, self.layers
 
@@ -110,14 +110,14 @@ class BulkModulus(Benchmark[float, float]):
         """The material of the patch."""
         return strip_material(Strip(material=self.material))
 
-    def mesh(self, counts: Counts, comm: MPI.Comm) -> SolidMesh:
+    def mesh(self, counts: tuple[int, int, int], comm: MPI.Comm) -> SolidMesh:
         """Return the patch in so many elements (collective)."""
         lower, size = (0.0, 0.0, -self.thickness_cm / 2), (EDGE, EDGE, self.thickness_cm)
         mesh = box(comm, lower=lower, size=size, elements=counts)
         return mesh.with_fibres(fibre=fibres.constant(mesh, (1.0, 0.0, 0.0)))
 
     def solve(
-        self, counts: Counts, formulation: Formulation | SolidShell, comm: MPI.Comm
+        self, counts: tuple[int, int, int], formulation: Formulation | SolidShell, comm: MPI.Comm
     ) -> statics.StaticSolution:
         """Return the equilibrium under the pressure (collective)."""
         return statics.solve(
