@@ -16,7 +16,7 @@ from typing import ClassVar
 import pytest
 from mpi4py import MPI
 
-from tests.campaign import fuzz
+from tests.campaign import chains, fuzz
 from tests.campaign.__main__ import COUNTS, keep
 from tests.campaign.chains import Chain
 from tests.campaign.comparison import OTHER, differences, torn
@@ -241,26 +241,42 @@ LATE_SEED, EARLY_SEED = 4, 3
 """A seed whose kill waits for the first file, and one whose kill does not."""
 
 
-def test_a_run_is_killed_again_after_it_went_on_and_every_kill_is_counted(tmp_path):
-    code = """
-(out / 'checkpoints').mkdir(exist_ok=True)
-with (out / 'starts').open('a') as file:
-    file.write(' '.join(sys.argv[4:]) + ';')
-if '--overwrite' in sys.argv:
-    (out / 'checkpoints' / 'step_00000001.vfc').touch()
-elif not any((out / 'checkpoints').iterdir()) and '--resume' in sys.argv:
+GOES_ON = """
+checkpoint, starts = out / 'checkpoints' / 'step_00000001.vfc', out / 'starts'
+checkpoint.parent.mkdir(exist_ok=True)
+if '--resume' in sys.argv and not checkpoint.exists():
     sys.exit(print('error: there is no checkpoint to resume from', file=sys.stderr) or 2)
-time.sleep(60 * (len((out / 'starts').read_text().split(';')) < 7))
+if starts.exists():
+    checkpoint.touch()
+with starts.open('a') as file:
+    file.write('.')
+if len(starts.read_text()) < 5:
+    (out / 'ready').touch()
+    time.sleep(60)
 """
-    whole = tmp_path / "whole"
-    whole.mkdir()
-    chain = Chain(Fake("fake", (code,)), Direct(), tmp_path / "out", random.Random(1), 1.0)
-    (chain.out).mkdir()
-    kills, end = chain.kill(4)
-    assert end == ""
-    assert kills[0] == "kill -9: begun anew"
-    assert kills[-1] == "kill -9: resumed"
-    assert len(kills) == 4
+"""Writes a checkpoint from its second start on, and comes to its end at its fifth."""
+
+
+class WhenReady(Direct):
+    """Lets a process write what it writes before it is killed."""
+
+    def __init__(self, out):
+        super().__init__()
+        self.ready = out / "ready"
+
+    def spent(self, rank):
+        return super().spent(rank) if self.ready.exists() else None
+
+    def kill(self, rank):
+        self.ready.unlink()
+        return super().kill(rank)
+
+
+def test_a_run_is_killed_again_after_it_went_on_and_every_kill_is_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(chains, "torn", lambda folder: iter(()))  # its checkpoints are empty
+    out = tmp_path / "out"
+    chain = Chain(Fake("fake", (GOES_ON,)), WhenReady(out), out, random.Random(EARLY_SEED), 0.1)
+    assert chain.kill(9) == (["kill -9: begun anew", *(3 * ["kill -9: resumed"])], "")
 
 
 def test_a_fork_ends_as_the_command_line_does_and_dies_when_it_is_killed(tmp_path):

@@ -40,6 +40,7 @@ class Warm:
     """A server of forks, and what it has forked."""
 
     def __init__(self) -> None:
+        self._last: dict[int, int] = {}
         self._folder = tempfile.TemporaryDirectory(prefix="warm")
         place = Path(self._folder.name) / "socket"
         self.begin = ("-I", "-S", str(CLIENT), str(place))
@@ -60,33 +61,42 @@ class Warm:
 
     def ranks(self) -> dict[int, int]:
         """Return the processes that are alive, by rank."""
-        found = {}
-        for entry in Path("/proc").iterdir():
-            try:
-                pid = int(entry.name)
-                name, _, rest = (entry / "stat").read_text().partition("(")[2].rpartition(")")
-            except (OSError, ValueError):
-                continue
-            state, parent = rest.split()[:2]
-            if int(parent) == self._server.pid and name.startswith("rank") and state != "Z":
-                found[int(name[4:])] = pid
-        return found
+        pids = [int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit()]
+        ranks = {pid: self._rank(pid) for pid in pids}
+        return {rank: pid for pid, rank in ranks.items() if rank is not None}
 
     def spent(self, rank: int) -> float | None:
         """Return the computing time of a rank's process so far [s]; None where there is none."""
-        pid = self.ranks().get(rank)
         try:
-            return float((Path("/proc") / str(pid) / "schedstat").read_text().split()[0]) * 1e-9
+            return float((Path("/proc") / str(self._find(rank)) / "schedstat").read_text().split()[0]) * 1e-9
         except OSError:
             return None
 
     def kill(self, rank: int) -> bool:
         """Kill a rank's process outright; return whether it was there."""
-        pid = self.ranks().get(rank)
+        pid = self._find(rank)
         if pid is None:
             return False
         os.kill(pid, signal.SIGKILL)
         return True
+
+    def _rank(self, pid: int) -> int | None:
+        """Return the rank of a process; None where it has ended, or is none of the server's."""
+        try:
+            text = (Path("/proc") / str(pid) / "stat").read_text()
+        except OSError:
+            return None
+        name, _, rest = text.partition("(")[2].rpartition(")")
+        state, parent = rest.split()[:2]
+        ours = int(parent) == self._server.pid and name.startswith("rank") and state != "Z"
+        return int(name[4:]) if ours else None
+
+    def _find(self, rank: int) -> int | None:
+        """Return the process of a rank; all processes are looked at only where the last one has ended."""
+        pid = self._last.get(rank)
+        if pid is None or self._rank(pid) != rank:
+            self._last = self.ranks()
+        return self._last.get(rank)
 
     def settle(self) -> bool:
         """Wait until no process is left; return whether they ended by themselves."""
