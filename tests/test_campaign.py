@@ -246,6 +246,8 @@ checkpoint, starts = out / 'checkpoints' / 'step_00000001.vfc', out / 'starts'
 checkpoint.parent.mkdir(exist_ok=True)
 if '--resume' in sys.argv and not checkpoint.exists():
     sys.exit(print('error: there is no checkpoint to resume from', file=sys.stderr) or 2)
+if '--overwrite' in sys.argv and checkpoint.exists():
+    sys.exit('error: a run that could go on is begun anew')
 if starts.exists():
     checkpoint.touch()
 with starts.open('a') as file:
