@@ -10,14 +10,18 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from tests.campaign.processes import ROOT, attack, jobs, prepare
+from tests.campaign.chains import kill_in_chains
+from tests.campaign.outcomes import Log, columns, is_bad
+from tests.campaign.processes import ROOT, Job, attack, jobs, prepare
+from tests.campaign.warm import Warm
 from valvefsi import __version__
 
-COUNTS = {"cases": 500, "csv": 500, "meshes": 200, "folders": 200, "kills": 50}
+COUNTS = {"cases": 500, "csv": 500, "meshes": 200, "folders": 200, "kills": 50, "faults": 1}
 WORKER = """
 import json, sys
 from pathlib import Path
@@ -27,24 +31,14 @@ for number in range(int(first), int(count)):
     print(json.dumps([number, "begun"]), flush=True)
     print(json.dumps([number, one(kind, int(seed), number, Path(folder))]), flush=True)
 """
-GOOD = (
-    "refused",
-    "accepted",
-    "resumed",
-    "run failed in",
-    "kill -9",
-    "full disk",
-    "stopped and",
-    "clock that",
-)
-BAD = ("failed:", "another answer", "torn", "hung", "not one line")
 
 
-def fuzz(kind: str, seed: int, count: int, folder: Path) -> Counter[str]:
+def fuzz(kind: str, count: int, folder: Path, seed: int, log: Log) -> Counter[str]:
     """Return how often what came of the items; a process that dies goes on after the item that it died of."""
-    outcomes: dict[int, str] = {}
-    first = 0
+    outcomes = {number: said[0] for number, said in log.read(kind).items()}
+    first = len(outcomes)
     while first < count:
+        last = first
         command = [sys.executable, "-c", WORKER, kind, str(seed), str(first), str(count), str(folder)]
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=ROOT
@@ -54,28 +48,55 @@ def fuzz(kind: str, seed: int, count: int, folder: Path) -> Counter[str]:
                     number, outcome = json.loads(line)
                     outcomes[number] = outcome
                     first = number + 1
-        if worker.returncode != 0 and first == 0:
+                    if outcome != "begun":
+                        log.add(kind, number, [outcome])
+        if worker.returncode != 0 and first == last:
             raise RuntimeError("the worker does not begin")
         if outcomes[first - 1] == "begun":
             outcomes[first - 1] = f"CRASH: exit {worker.returncode}"
+            log.add(kind, first - 1, [outcomes[first - 1]])
     for number, outcome in sorted(outcomes.items()):
-        if outcome.split(":")[0].isupper():
+        if is_bad(outcome):
             print(f"{kind} {number}: {outcome}", file=sys.stderr)
-    return Counter(outcome.split(":")[0] for outcome in outcomes.values())
+    return columns(outcomes.values())
 
 
-def kills(place: Path, chosen: str, count: int, given: argparse.Namespace) -> None:
-    """Attack the processes whose name holds a text, and keep the counts after each attack."""
+def chosen_jobs(place: Path, chosen: str) -> Iterator[tuple[Job, Path]]:
+    """Prepare the processes whose name holds a text, each with a folder of its own."""
     for number, job in enumerate(jobs(place)):
-        if chosen not in job.name:
-            continue
-        prepare(job, place)
-        found: Counter[str] = Counter()
-        for outcome in attack(job, place / str(number), count, given.seed):
+        if chosen in job.name:
+            prepare(job, place)
+            yield job, place / str(number)
+
+
+def kills(place: Path, count: int, given: argparse.Namespace, log: Log) -> None:
+    """Kill the chosen processes, and keep the counts after each chain of kills."""
+    with closing(Warm()) as warm:
+        for job, folder in chosen_jobs(place, given.job):
+            chains = log.read(job.name)
+            found = Counter(outcome for chain in chains.values() for outcome in chain)
+            rest = count - found.total()
+            for chain in (
+                kill_in_chains(job, warm, folder, rest, given.seed, first=len(chains)) if rest else ()
+            ):
+                log.add(job.name, len(chains), chain)
+                chains[len(chains)] = chain
+                found.update(chain)
+                print(f"{time.strftime('%H:%M:%S')} {job.name}: {chain}", flush=True)
+                keep(given.out, {job.name: found}, given)
+            given.table[job.name] = found
+
+
+def faults(place: Path, given: argparse.Namespace, log: Log) -> None:
+    """Fill the disk of the chosen processes, stop them, let their clocks jump; keep the counts after each."""
+    for job, folder in chosen_jobs(place, given.job):
+        name, found = f"{job.name}, surroundings", Counter[str]()
+        for number, outcome in enumerate(attack(job, folder, given.seed)):
+            log.add(name, number, [outcome])
             found[outcome] += 1
             print(f"{time.strftime('%H:%M:%S')} {job.name}: {outcome}", flush=True)
-            keep(given.out, {job.name: found}, given)
-        given.table[job.name] = found
+            keep(given.out, {name: found}, given)
+        given.table[name] = found
 
 
 def keep(out: Path | None, table: Mapping[str, Mapping[str, int]], given: argparse.Namespace) -> None:
@@ -122,21 +143,27 @@ def main() -> int:
     parser.add_argument("--job", default="", help="only the processes whose name holds this")
     parser.add_argument("--share", type=float, default=1.0, help="part of the counts")
     parser.add_argument("--out", type=Path, default=None, help="file of results that the counts are put into")
+    parser.add_argument(
+        "--log", type=Path, default=None, help="file of outcomes; what it holds is not done again"
+    )
     given = parser.parse_args(namespace=argparse.Namespace(table={}))
+    log = Log(given.log, given.seed)
     with tempfile.TemporaryDirectory(prefix="campaign") as place:
         for kind in given.only.split(","):
             count = max(1, round(given.share * COUNTS[kind]))
             if kind == "kills":
-                kills(Path(place), given.job, count, given)
+                kills(Path(place), count, given, log)
+            elif kind == "faults":
+                faults(Path(place), given, log)
             else:
-                given.table[kind] = fuzz(kind, given.seed, count, Path(place))
-                keep(given.out, {kind: given.table[kind]}, given)
+                name = f"{kind}, seed {given.seed}"
+                given.table[name] = fuzz(kind, count, Path(place), given.seed, log)
+                keep(given.out, {name: given.table[name]}, given)
     rows = [(case, *entry) for case, found in given.table.items() for entry in sorted(found.items())]
     print("| attack | outcome | times |\n|---|---|---|")
     for row in rows:
         print("| {} | {} | {} |".format(*row))
-    bad = [row for row in rows if not row[1].startswith(GOOD) or any(word in row[1] for word in BAD)]
-    return 1 if bad else 0
+    return 1 if any(times and is_bad(outcome) for _, outcome, times in rows) else 0
 
 
 if __name__ == "__main__":

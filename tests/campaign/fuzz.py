@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from tests.campaign.outcomes import ACCEPTED, FAILED, REFUSED, RESUMED, ROWS_LOST
 from tests.campaign.processes import BIAXIAL, difference
 from valvefsi import fsi
 from valvefsi.case import case_defaults, load_case, parse_case
@@ -27,7 +28,6 @@ from valvefsi.fitting.waveforms import read_waveforms
 from valvefsi.geometry.importing import import_mesh
 from valvefsi.geometry.mesh import read_mesh
 
-REFUSED, ACCEPTED, FAILED = "refused in one line", "accepted, sound", "run failed in one line"
 PATIENCE = 20
 TIMERS = ((signal.SIGPROF, signal.ITIMER_PROF, 1), (signal.SIGALRM, signal.ITIMER_REAL, 6))
 """A hang is 20 s of computing, or 120 s by the clock where the machine is busy."""
@@ -291,8 +291,8 @@ def attack_folder(rng: random.Random, folder: Path) -> str:
     run_case(parse_case(tomllib.loads(SMALL)), out=out, resume=True, comm=MPI.COMM_SELF)
     gap = difference(out, end)
     if gap <= 1e-12:
-        return "resumed, same answer"
-    return "resumed, rows of the history lost" if last_gap(out, end) <= 1e-12 else f"WRONG: {gap:.1e} off"
+        return RESUMED
+    return ROWS_LOST if last_gap(out, end) <= 1e-12 else f"WRONG: {gap:.1e} off"
 
 
 def last_gap(out: Path, end: Path) -> float:

@@ -10,12 +10,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from tests.campaign.comparison import differences, torn
+from tests.campaign.warm import Warm
 from valvefsi.io.history import read_history
 
 ROOT = Path(__file__).parents[2]
@@ -80,8 +81,10 @@ from valvefsi.cli import main
 main()
 """
 """The command line where clocks jump, on each rank by itself; those that the system keeps monotonic do not go back."""
+SHORTER = ("--set", "time.t_end='0.06 s'", "--set", "output.frames=4")
+UNSTRESSED = ("--set", "output.stress=[]")
+"""Of two ranks: fewer steps; no stress in the frames, which takes most of the time and hundreds of messages."""
 SERIES = ("--grid", "16", "--refine", "1", "--set", "t_end='4 s'")
-LATE = "kill -9: came after the end"
 SAME, PATIENCE, ENDING = 1e-12, 1800.0, 300.0
 """Difference that counts as none; seconds until a run hangs, and until ranks hang of which one was killed."""
 Popen = subprocess.Popen[str]
@@ -98,6 +101,7 @@ class Job:
         file: Name of the file that ``--out`` means, in the folder of the job; empty where it means the folder.
         again: What goes on with it, or does it again, after it was killed.
         writes_late: Whether it writes at its end only, so that half of the kills wait for its first file.
+        begin: How Python comes to the command line.
     """
 
     name: str
@@ -106,12 +110,17 @@ class Job:
     file: str = ""
     again: tuple[str, ...] = ("--resume",)
     writes_late: bool = False
+    begin: tuple[str, ...] = ("-m", "valvefsi")
 
-    def start(self, out: Path, *more: str, begin: Sequence[str] = ("-m", "valvefsi")) -> Popen:
-        """Start it, in a session of its own; ``begin`` is how Python comes to the command line."""
+    def forked_by(self, warm: Warm) -> Job:
+        """Return the same job, done by processes that a server forks."""
+        return replace(self, begin=warm.begin)
+
+    def start(self, out: Path, *more: str, begin: Sequence[str] = ()) -> Popen:
+        """Start it, in a session of its own; ``begin`` stands for `Job.begin`."""
         launch = ["mpirun", "-n", str(self.ranks)] if self.ranks > 1 else []
         place = str(out / self.file) if self.file else str(out)
-        command = [*launch, sys.executable, *begin, *self.arguments, "--out", place, *more]
+        command = [*launch, sys.executable, *(begin or self.begin), *self.arguments, "--out", place, *more]
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
         return subprocess.Popen(
             command,
@@ -123,7 +132,7 @@ class Job:
             cwd=ROOT,
         )
 
-    def run(self, out: Path, *more: str, begin: Sequence[str] = ("-m", "valvefsi")) -> tuple[int, str]:
+    def run(self, out: Path, *more: str, begin: Sequence[str] = ()) -> tuple[int, str]:
         """Run it to its end; return its exit code and what it said."""
         process = self.start(out, *more, begin=begin)
         try:
@@ -181,58 +190,27 @@ def _gap(ours: Path, theirs: Path) -> float:
     return float(max(gaps))
 
 
-def kill_and_resume(job: Job, whole: Path, out: Path, rng: random.Random, length: float) -> str:
-    """Kill a process outright at a moment within ``length`` seconds, go on with it, and say what came of it."""
-    _empty(out)
-    process = job.start(out)
-    _wait(job, process, out, rng, length)
-    ended = process.poll() is not None
-    pids = [] if ended else ranks_of(process)
-    victim = rng.choice(pids) if pids else process.pid
-    rank = f" rank {pids.index(victim)}" if job.ranks > 1 and pids else ""
-    if not ended:
-        os.kill(victim, signal.SIGKILL)
-    try:
-        process.communicate(timeout=ENDING)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
-        return f"kill -9{rank}: the other ranks hung"
-    broken = next(torn(out), None)
-    if broken is not None:
-        return f"kill -9{rank}: torn file {broken}"
-    if ended:
-        return LATE
-    return f"kill -9{rank}: {go_on(job, whole, out)}"
-
-
-def _empty(out: Path) -> None:
+def empty(out: Path) -> None:
+    """Make a folder that holds nothing."""
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
-
-
-def _wait(job: Job, process: Popen, out: Path, rng: random.Random, length: float) -> None:
-    """Wait for the moment of a kill."""
-    moment, deadline = rng.uniform(0.0, length), time.monotonic() + 10 * length
-    if job.writes_late and rng.random() < 0.5:
-        moment = rng.uniform(0.0, 0.1 * length)
-        while process.poll() is None and time.monotonic() < deadline and not any(out.iterdir()):
-            time.sleep(0.005)
-    deadline = time.monotonic() + moment
-    while time.monotonic() < deadline and process.poll() is None:
-        time.sleep(0.005)
 
 
 def go_on(job: Job, whole: Path, out: Path, *, checkpoints: bool = True) -> str:
     """Go on with what was broken off, begin anew where there is nothing to go on from, and compare every file."""
     code, said = job.run(out, *job.again)
     how = "resumed" if job.again else "done again"
-    if code == 2 and "--resume" in job.again and ("no whole checkpoint" in said or "no checkpoint" in said):
+    if "--resume" in job.again and nothing_to_resume(code, said):
         code, said = job.run(out, "--overwrite")
         how = "begun anew"
     if code != 0:
         return f"failed: {said.strip().splitlines()[-1] if said.strip() else code}"
     return f"{how}, {answer(whole, out, checkpoints=checkpoints)}"
+
+
+def nothing_to_resume(code: int, said: str) -> bool:
+    """Return whether a process ended because there was no checkpoint to resume from."""
+    return code == 2 and ("no whole checkpoint" in said or "no checkpoint" in said)
 
 
 def answer(whole: Path, out: Path, *, checkpoints: bool = True) -> str:
@@ -246,7 +224,7 @@ def answer(whole: Path, out: Path, *, checkpoints: bool = True) -> str:
 
 def full_disk_and_resume(job: Job, whole: Path, out: Path, limit: int) -> str:
     """Let no file grow above a limit [bytes], then lift it and go on."""
-    _empty(out)
+    empty(out)
     code, said = job.run(out, begin=("-c", SMALL_DISK.format(limit)))
     return _one_line(out, code, said) or go_on(job, whole, out)
 
@@ -254,7 +232,7 @@ def full_disk_and_resume(job: Job, whole: Path, out: Path, limit: int) -> str:
 def small_disk_and_resume(job: Job, whole: Path, out: Path, part: float) -> str:
     """Run on a disk of a part of the size that is needed, make it larger, and go on; needs the right to mount."""
     size = sum(path.stat().st_size for path in whole.rglob("*") if path.is_file())
-    _empty(out)
+    empty(out)
     if not _mount(out, f"size={int(part * size)}"):
         return "not run: no disk can be mounted here"
     try:
@@ -285,7 +263,7 @@ def _one_line(out: Path, code: int, said: str) -> str:
 
 def stop_and_continue(job: Job, whole: Path, out: Path, rng: random.Random, length: float) -> str:
     """Stop every rank for a second and let it go on."""
-    _empty(out)
+    empty(out)
     process = job.start(out)
     time.sleep(rng.uniform(0.3, 0.9) * length)
     for number in (signal.SIGSTOP, signal.SIGCONT):
@@ -298,7 +276,7 @@ def stop_and_continue(job: Job, whole: Path, out: Path, rng: random.Random, leng
 
 def jump_the_clock(job: Job, whole: Path, out: Path, seed: int) -> str:
     """Run with clocks that jump; checkpoints by the clock may come at other steps than in the whole run."""
-    _empty(out)
+    empty(out)
     code, said = job.run(out, begin=("-c", JUMPING.format(seed)))
     return answer(whole, out, checkpoints=False) if code == 0 else f"failed: exit {code}, {said[-200:]}"
 
@@ -320,9 +298,9 @@ def jobs(folder: Path) -> list[Job]:
     movie = Job("movie", ("movie", str(folder / "movie_of")), file="movie.gif", again=(), writes_late=True)
     return [
         Job("block, one rank", block),
-        Job("block, two ranks", block, 2),
+        Job("block, two ranks", (*block, *SHORTER), 2),
         Job("valve, one rank", valve),
-        Job("valve, two ranks", valve, 2),
+        Job("valve, two ranks", (*valve, *UNSTRESSED), 2),
         Job(
             "fit of 32 starts", ("fit", "biaxial", str(record), "--starts", "32"), again=(), writes_late=True
         ),
@@ -339,21 +317,17 @@ def prepare(job: Job, folder: Path) -> None:
             raise RuntimeError(f"the run of the movie fails: {said[-300:]}")
 
 
-def attack(job: Job, folder: Path, count: int, seed: int) -> Iterator[str]:
-    """Kill a process ``count`` times, fill its disk, stop it, let its clock jump; yield what came of each."""
+def attack(job: Job, folder: Path, seed: int) -> Iterator[str]:
+    """Fill a process' disk, stop it, let its clock jump; yield what came of each."""
     rng = random.Random(f"{seed} {job.name}")
-    whole, out = folder / "whole", folder / "killed"
-    _empty(whole)
+    whole, out = folder / "whole", folder / "attacked"
+    empty(whole)
     began = time.monotonic()
     code, said = job.run(whole)
     if code != 0:
         yield f"the run itself fails: {said[-300:]}"
         return
     length = time.monotonic() - began
-    for _ in range(count):
-        while (outcome := kill_and_resume(job, whole, out, rng, length)) == LATE:
-            pass
-        yield outcome
     largest = max(path.stat().st_size for path in whole.rglob("*") if path.is_file())
     for limit in (largest // 2, 2000):
         yield f"full disk: {full_disk_and_resume(job, whole, out, limit)}"

@@ -10,6 +10,7 @@ Ranks form a grid over axes 0 and 1; axis 2 is never divided.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,7 +35,10 @@ def _free(comm: MPI.Comm, _: int, along: dict[int, tuple[MPI.Comm, MPI.Comm]]) -
             part.Free()
 
 
-ALONG_AXES = MPI.Comm.Create_keyval(delete_fn=_free)
+@functools.cache
+def _along_axes_key() -> int:
+    """Return the key, made at the first use: an import begins nothing of MPI."""
+    return MPI.Comm.Create_keyval(delete_fn=_free)
 
 
 def _along_axes(comm: MPI.Comm, n1: int) -> tuple[MPI.Comm, MPI.Comm]:
@@ -43,10 +47,10 @@ def _along_axes(comm: MPI.Comm, n1: int) -> tuple[MPI.Comm, MPI.Comm]:
     They stay with the communicator that they divide, for every grid on it: an MPI library has only some two thousand,
     and to free one is collective, which the end of an object in Python is not.
     """
-    along: Any = comm.Get_attr(ALONG_AXES)
+    along: Any = comm.Get_attr(_along_axes_key())
     if along is None:
         along = {}
-        comm.Set_attr(ALONG_AXES, along)
+        comm.Set_attr(_along_axes_key(), along)
     if n1 not in along:
         along[n1] = comm.Split(comm.rank % n1), comm.Split(comm.rank // n1)
     pair: tuple[MPI.Comm, MPI.Comm] = along[n1]
