@@ -11,7 +11,7 @@ import typer
 
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Out, Set, Trust
+from valvefsi.cli.options import Anew, JobsOfSamples, Out, Set, StudyFile, Trust
 from valvefsi.cli.study_plan import print_plan, raise_failed
 from valvefsi.cli.tables import print_lines, print_table
 from valvefsi.errors import CaseError, StudyError
@@ -26,15 +26,12 @@ if TYPE_CHECKING:
 class SampleCommand:
     """Arguments and options of ``sample``."""
 
-    study: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="The study.")]
+    study: StudyFile
     overrides: Set = None
     out: Out = None
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the samples in the folder.")] = False
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Run anew what the folder holds.")] = False
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", metavar="N", help="Samples that run at once; one a core if left out."),
-    ] = None
+    overwrite: Anew = False
+    jobs: JobsOfSamples = None
     plan: Annotated[
         bool, typer.Option("--plan", help="Print what one sample and all will take; do not run.")
     ] = False
