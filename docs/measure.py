@@ -186,12 +186,15 @@ def refined(result: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def sampled(result: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return distribution and total indices of the outputs of a study of uncertain inputs."""
+    """Return distribution, the surrogate's error and total indices of the outputs of a study of uncertain inputs."""
     rows = []
     for row in result["outputs"]:
-        case = {"case": row["output"]}
+        case = {"case": row["output"].removeprefix("last.")}
         for key, name in {"mean": "mean", "std": "std", "low": "2.5 %", "high": "97.5 %"}.items():
             rows.append({**case, "quantity": name, "computed": rounded(row[key])})
+        if "surrogate_relative_error" in row:
+            missed = {"computed": rounded(100 * row["surrogate_relative_error"]), "unit": "%"}
+            rows.append({**case, "quantity": "variance missed by the surrogate", **missed})
         for one in row["indices"]:
             low, high = one["total_interval"]
             rows.append({**case, "quantity": f"S_T {one['group']}", "computed": round(one["total"], 3)})

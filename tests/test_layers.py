@@ -58,7 +58,7 @@ INSIDE = {
         {"planning", "sweep", "beats", "sample_inputs", "circuit_samples", "figures"},
         {"sweep_picture", "validation", "grid_study"},
         {"grid_numbers", "grid_report", "sampling"},
-        {"sample_runs", "sample_report"},
+        {"sample_runs", "sample_report", "static_samples"},
     ],
     "report": [
         {"blocks", "runs", "words"},

@@ -6,6 +6,7 @@ import json
 import math
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from mpi4py import MPI
 from tests.case.test_resuming import RAW
 from tests.coupled_case import DT, block_model, heavy, simulation
 from valvefsi import fsi
-from valvefsi.case import parse_case
+from valvefsi.case import load_case, parse_case
 from valvefsi.case.build import plan_case, run_case
+from valvefsi.case.resuming import check_shapes
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
@@ -28,6 +30,7 @@ from valvefsi.solid.carrying import at_points
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Structure
 
+DEMO = Path(__file__).parents[2] / "demos" / "pericardial_valve.toml"
 SELF = MPI.COMM_SELF
 K = 2 * math.pi
 
@@ -136,6 +139,9 @@ def test_a_case_begins_from_another_run_and_is_resumed(shared_tmp, comm):
     rows, before = read_history(fine / "history.csv"), read_history(coarse / "history.csv")
     assert [rows["t_s"][0], rows["t_s"][-1]] == pytest.approx([0.08, 0.12])
     assert rows["kinetic_energy_erg"][0] == pytest.approx(before["kinetic_energy_erg"][-1], rel=0.05)
+    other = [f"start.run='{coarse}'", "time.t_end='120 ms'", "solid.block.mesh.size=[0.3, 0.25]"]
+    with pytest.raises(CaseError, match=r"solid\.block\.mesh\.size = .*another unloaded shape"):
+        run_case(parse_case(RAW, other), out=shared_tmp / "other", comm=comm)
     short = [*changes[:-1], "time.t_end='100 ms'"]
     run_case(parse_case(RAW, short), out=again, comm=comm)
     comm.barrier()
@@ -188,3 +194,24 @@ def test_forty_steps_from_a_taken_over_state_follow_the_run_it_is_of(shared_tmp,
     np.testing.assert_allclose(
         taken.bodies[0]["chi"], one.bodies[0]["chi"], atol=2e-3 * np.abs(moved).max(initial=1e-3)
     )
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("gap", "0.5 mm"), ("nose", "0.5 mm"), ("diameter", "23 mm"), ("thickness", "0.5 mm"), ("base", "1 mm")],
+)
+def test_leaflets_of_another_unloaded_shape_do_not_go_on(key, value):
+    there = load_case(DEMO)
+    here = load_case(DEMO, [f"solid.leaflets.mesh.valve.{key}='{value}'"])
+    with pytest.raises(
+        CaseError,
+        match=rf"solid\.leaflets\.mesh\.valve\.{key} = .*another unloaded shape.* this was .* there",
+    ):
+        check_shapes(there, here)
+
+
+def test_other_elements_and_lengths_that_are_the_type_s_own_are_no_other_shape():
+    there = load_case(DEMO)
+    mesh = "solid.leaflets.mesh.valve"
+    more = [f"{mesh}.ratio=0.5", f"{mesh}.layers=2", f"{mesh}.thickness='0.4 mm'"]
+    check_shapes(there, load_case(DEMO, [*more, "solid.leaflets.material.c10='1 kPa'"]))

@@ -23,7 +23,7 @@ from valvefsi.case.models import Case, Solid
 from valvefsi.case.origins import write_provenance
 from valvefsi.case.plan_warnings import plan_warnings
 from valvefsi.case.reading import load_case
-from valvefsi.case.resuming import check_start, clear, provenance_of, run_folder
+from valvefsi.case.resuming import check_shapes, check_start, clear, provenance_of, run_folder
 from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
 from valvefsi.case.target import at_target, plan_target, target_numbers
 from valvefsi.case.valve import check_leaflets, find_orifice
@@ -225,7 +225,9 @@ def _state_of(folder: Path, case: Case, fine: Simulation) -> State:
     try:
         if folder == fine.output.directory.resolve():
             raise CaseError("a run cannot begin from itself; give another --out", key="start.run")
-        coarse = build(load_case(folder / "case.toml", trust=case.trust), folder, MPI.COMM_SELF)
+        begun = load_case(folder / "case.toml", trust=case.trust)
+        check_shapes(begun, case)
+        coarse = build(begun, folder, MPI.COMM_SELF)
         state = load_state(coarse.model, coarse.output, coarse.memory)
         if state is None:
             message = "there is no whole checkpoint to begin from"

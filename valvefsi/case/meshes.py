@@ -16,7 +16,7 @@ from valvefsi.errors import CaseError
 from valvefsi.geometry import mesh as meshes
 from valvefsi.geometry import shapes
 from valvefsi.geometry.mesh import SolidMesh
-from valvefsi.geometry.valve import ValveMesh, distribute, mesh_valve
+from valvefsi.geometry.valve import ValveMesh, distribute, first_leaflet, mesh_valve
 from valvefsi.solid.materials import fibres
 
 
@@ -82,7 +82,19 @@ def valve_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
     Note:
         Collective.
     """
-    made = _at_height(mesh_valve(shape.geometry(), size=shape.ratio * h, layers=shape.layers), shape.base)
+    return _with_fields(_leaflets(shape, h), comm)
+
+
+def leaflet_mesh(shape: ValveShape, h: float, comm: MPI.Comm) -> SolidMesh:
+    """Mesh one leaflet of a valve, as `valve_mesh` meshes three. Collective."""
+    return _with_fields(first_leaflet(_leaflets(shape, h)), comm)
+
+
+def _leaflets(shape: ValveShape, h: float) -> ValveMesh:
+    return _at_height(mesh_valve(shape.geometry(), size=shape.ratio * h, layers=shape.layers), shape.base)
+
+
+def _with_fields(made: ValveMesh, comm: MPI.Comm) -> SolidMesh:
     mesh = distribute(made, comm)
     middles = made.points[made.cells].mean(axis=1)
     fields = {name: fibres.from_cells(mesh, middles, vectors) for name, vectors in made.fibres.items()}

@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
-from valvefsi.case.models import Case
+from valvefsi.case.models import Case, Mesh
 from valvefsi.case.values import values_by_path
 from valvefsi.errors import CaseError
 from valvefsi.io import checkpoint
@@ -24,6 +25,8 @@ FREE = re.compile(
     r"|solid\.\w+\.material\.preset|target\..*"
 )
 """What is no part of a state and of the way on from it."""
+NO_SHAPE = ("fibre_angles",)
+"""What is no part of the shape of leaflets."""
 FIXED = re.compile(
     r"grid\..*|housing\..*|output\..*|fluid\.density|fluid\.sides\.\w+\.(type|circuit)|circuit\.\w+\.(name|model)"
     r"|solid\.\w+\.(name|degree|mesh\..*|coupling|kernel|point_gap|density|probe\..*)"
@@ -91,6 +94,42 @@ def check_start(case: Case) -> None:
     there = Path(case.start.run).is_dir()
     message = "this folder holds no case.toml of a run" if there else "no such folder of a run"
     raise CaseError(message, file=case.file, key="start.run", value=case.start.run)
+
+
+def check_shapes(there: Case, here: Case) -> None:
+    """Refuse a run to begin from whose solids have another unloaded shape: displacements are those of places in it.
+
+    Sizes of elements and layers may differ. Of meshes from files the shape is not known.
+
+    Raises:
+        CaseError: A shape differs: says solid and key, and both values.
+    """
+    for a, b in zip(there.solid, here.solid, strict=False):
+        old, new = _shape(a.mesh), _shape(b.mesh)
+        key = next((key for key in new if old and old.get(key) != new[key]), None)
+        if key is not None:
+            raise CaseError(
+                "the run to begin from has another unloaded shape, which its displacements belong to; this was "
+                f"{old.get(key)} there",
+                file=here.file,
+                key=f"solid.{b.name}.mesh.{key}",
+                value=new[key],
+            )
+
+
+def _shape(mesh: Mesh) -> dict[str, object]:
+    """Return what says the unloaded shape of a mesh, by key, lengths in cm without their round-off."""
+    if mesh.valve is None:
+        return {"lower": _rounded(mesh.lower), "size": _rounded(mesh.size)} if mesh.shape else {}
+    own = {key: value for key, value in asdict(mesh.valve.geometry()).items() if key not in NO_SHAPE}
+    shape = {"diameter": 2.0 * own.pop("radius"), "base": mesh.valve.base, **own}
+    return {f"valve.{key}": _rounded(value) for key, value in shape.items()}
+
+
+def _rounded(value: object) -> object:
+    if isinstance(value, tuple):
+        return tuple(map(_rounded, value))
+    return float(f"{value:.9g}") if isinstance(value, float) else value
 
 
 def clear(out: Path, comm: MPI.Comm) -> None:

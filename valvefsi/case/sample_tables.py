@@ -10,6 +10,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from pydantic_core import PydanticCustomError
 
 from valvefsi.case.quantities import NUMBER, Quantity
+from valvefsi.case.statics_tables import StaticsModel
 from valvefsi.case.study_files import read_study
 from valvefsi.case.study_tables import Area, Inertance
 from valvefsi.case.table import Name, Table, problem
@@ -45,7 +46,8 @@ class UncertainInput(Table):
 
     name: Name = Field(description="What it is called in tables and pictures")
     key: str = Field(
-        description="Key of the case, as --set names it; orifice.area and orifice.inertance with the circuit alone",
+        description="Key of the case, as --set names it; orifice.area and orifice.inertance with the circuit alone, "
+        "statics.pressure and the like with statics",
         examples=["circuit.aorta.C"],
     )
     distribution: Literal["normal", "lognormal", "uniform"] = Field(description="Its distribution")
@@ -148,9 +150,10 @@ class SampleStudy(Table):
         description="The case; with the circuit alone its two circuits and its density are used"
     )
     changes: tuple[str, ...] = Field((), description="Changes of the case, as --set takes them for a run")
-    target: Literal["circuit", "case"] = Field(
+    target: Literal["circuit", "statics", "case"] = Field(
         "case",
-        description="case: a run for every sample; circuit: the flow loop with an orifice, all samples at once",
+        description="case: a run for every sample; circuit: the flow loop with an orifice, all samples at once; "
+        "statics: a solid of the case, such as a leaflet, in equilibrium under a pressure",
     )
     outputs: tuple[str, ...] = Field(
         (), description="Names of the outputs, or ends of them; the first few that vary when left out"
@@ -159,6 +162,7 @@ class SampleStudy(Table):
     input: tuple[UncertainInput, ...] = Field((), description="Inputs with distributions")
     fit: tuple[FittedInputs, ...] = Field((), description="Inputs from fits")
     orifice: OrificeModel | None = Field(None, description="Orifice, needed with the circuit alone")
+    statics: StaticsModel | None = Field(None, description="What is in equilibrium, needed with statics")
     _file: Path | None = PrivateAttr(None)
 
     @model_validator(mode="after")
@@ -169,6 +173,8 @@ class SampleStudy(Table):
             raise problem(
                 f"an orifice is needed with the circuit alone, target is {self.target!r}", "orifice"
             )
+        if (self.statics is None) == (self.target == "statics"):
+            raise problem(f"this table is needed with statics, target is {self.target!r}", "statics")
         names = [one.name for one in self.input] + [one.name for one in self.fit]
         keys = [one.key for one in self.input] + [key for one in self.fit for key in one.keys.values()]
         for what, found in (("name", names), ("key", keys)):

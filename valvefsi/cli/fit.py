@@ -11,7 +11,7 @@ import typer
 from valvefsi.cli.fit_output import Texts, names, numbers, progress, ranges, show
 from valvefsi.cli.fit_windkessel import windkessel
 from valvefsi.cli.option_groups import as_number, options_of, pairs
-from valvefsi.cli.options import MARKS, Decimal, Out
+from valvefsi.cli.options import MARKS, Bounds, Decimal, Out, Seed, Starts
 from valvefsi.errors import CaseError
 
 fit = typer.Typer(
@@ -46,7 +46,7 @@ class BiaxialCommand:
     fix: Annotated[
         Texts, typer.Option(metavar="K=V", help="Hold a parameter (kPa, degrees). Repeatable.")
     ] = None
-    bounds: Annotated[Texts, typer.Option(metavar="K=A:B", help="Bounds of a parameter. Repeatable.")] = None
+    bounds: Bounds = None
     protocols: Annotated[
         str | None, typer.Option(metavar="1,2,5", help="Protocols to fit; the others are predicted.")
     ] = None
@@ -80,8 +80,8 @@ class BiaxialCommand:
     compare: Annotated[
         str | None, typer.Option(metavar="lee-sacks,fung", help="Materials to compare with.")
     ] = None
-    starts: Annotated[int, typer.Option(help="Number of starts.")] = 32
-    seed: Annotated[int, typer.Option(help="Seed of starts and bootstrap.")] = 0
+    starts: Starts = 32
+    seed: Seed = 0
     out: Out = None
 
 

@@ -11,7 +11,7 @@ import typer
 
 from valvefsi.cli.fit_output import Texts, console, names, numbers, progress, ranges, show
 from valvefsi.cli.option_groups import options_of, pairs
-from valvefsi.cli.options import MARKS, Decimal, Out
+from valvefsi.cli.options import MARKS, Bounds, Decimal, Out, Seed, Starts
 from valvefsi.cli.tables import print_table
 from valvefsi.errors import CaseError
 
@@ -33,7 +33,7 @@ class WindkesselCommand:
     fix: Annotated[Texts, typer.Option(metavar="K=V", help="Hold a parameter (mmHg, ml, s). Repeatable.")] = (
         None
     )
-    bounds: Annotated[Texts, typer.Option(metavar="K=A:B", help="Bounds of a parameter. Repeatable.")] = None
+    bounds: Bounds = None
     column: Annotated[
         Texts,
         typer.Option(
@@ -70,8 +70,8 @@ class WindkesselCommand:
         ),
     ] = "check"
     compare: Annotated[str | None, typer.Option(metavar="A,B", help="Circuits to compare with.")] = None
-    starts: Annotated[int, typer.Option(min=1, max=4096, help="Number of starts.")] = 8
-    seed: Annotated[int, typer.Option(min=0, help="Seed of starts and bootstrap.")] = 0
+    starts: Starts = 8
+    seed: Seed = 0
     out: Out = None
 
 

@@ -76,6 +76,8 @@ Out = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Folder of the results.", callback=_folder),
 ]
+CaseFile = Annotated[Path, typer.Argument(metavar="CASE.toml", help="The case file.")]
+StudyFile = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="The study.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint in the folder.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a run that the folder holds.")]
 AllowChange = Annotated[
@@ -83,6 +85,10 @@ AllowChange = Annotated[
     typer.Option("--allow-change", help="With --resume: go on though material, step or loads have changed."),
 ]
 Plan = Annotated[bool, typer.Option("--plan", help="Print size, step limits and expected time; do not run.")]
+Anew = Annotated[bool, typer.Option("--overwrite", help="Run anew what the folder holds.")]
+PlanMembers = Annotated[
+    bool, typer.Option("--plan", help="Print steps and expected time of each member; do not run.")
+]
 Trust = Annotated[
     bool, typer.Option("--trust", help="Allow Python files that the case names (materials) to be run.")
 ]
@@ -96,3 +102,15 @@ Style = Annotated[
         "--style", help="paper: vector PDF, 85 mm wide, and the numbers behind it as NAME_data.csv."
     ),
 ]
+Bounds = Annotated[list[str] | None, typer.Option(metavar="K=A:B", help="Bounds of a parameter. Repeatable.")]
+Starts = Annotated[int, typer.Option(min=1, max=4096, help="Number of starts.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of starts and bootstrap.")]
+
+
+def _at_once(what: str) -> Any:
+    """Return the option that says how many of a study's runs go on at the same time."""
+    return typer.Option("--jobs", metavar="N", help=f"{what} that run at once; one a core if left out.")
+
+
+JobsOfMembers = Annotated[int | None, _at_once("Members")]
+JobsOfSamples = Annotated[int | None, _at_once("Samples")]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from valvefsi.cli.closing import show_run
-from valvefsi.cli.options import AllowChange, Out, Overwrite, Plan, Resume, Set, Trust
+from valvefsi.cli.options import AllowChange, CaseFile, Out, Overwrite, Plan, Resume, Set, Trust
 from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
 from valvefsi.errors import CaseError
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    case: Annotated[Path, typer.Argument(metavar="CASE.toml", help="The case file.")],
+    case: CaseFile,
     out: Out = None,
     resume: Resume = False,
     overwrite: Overwrite = False,

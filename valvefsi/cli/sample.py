@@ -11,7 +11,7 @@ import typer
 
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Out, Set, Trust
+from valvefsi.cli.options import Anew, JobsOfSamples, Out, Set, StudyFile, Trust
 from valvefsi.cli.study_plan import print_plan, raise_failed
 from valvefsi.cli.tables import print_lines, print_table
 from valvefsi.errors import CaseError, StudyError
@@ -26,15 +26,12 @@ if TYPE_CHECKING:
 class SampleCommand:
     """Arguments and options of ``sample``."""
 
-    study: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="The study.")]
+    study: StudyFile
     overrides: Set = None
     out: Out = None
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the samples in the folder.")] = False
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Run anew what the folder holds.")] = False
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", metavar="N", help="Samples that run at once; one a core if left out."),
-    ] = None
+    overwrite: Anew = False
+    jobs: JobsOfSamples = None
     plan: Annotated[
         bool, typer.Option("--plan", help="Print what one sample and all will take; do not run.")
     ] = False
@@ -58,9 +55,10 @@ class SampleCommand:
 def sample(options: SampleCommand) -> None:
     """Sample uncertain inputs, run a case or its circuit alone at them, and say how sure its outputs are and why.
 
-    The study names distributions or fits, a design (sobol, latin-hypercube) and a target (circuit, case). The folder
-    gets sample.json, samples.csv, sample.md and sample.png: mean, deviation and 95 % interval of each output, Sobol
-    indices of first order and total with intervals, and what failed. On a cluster: --array, sbatch, then --collect.
+    The study names distributions or fits, a design (sobol, latin-hypercube) and a target: the circuit alone, the
+    statics of a leaflet, or runs of the case. The folder gets sample.json, samples.csv, sample.md and
+    sample.png: mean, deviation and 95 % interval of each output, Sobol indices of first order and total with intervals,
+    and what failed. On a cluster: --array, sbatch, then --collect.
     """
     from valvefsi.case.sample_tables import load_samples
     from valvefsi.studies.sampling import make_sampling
@@ -68,14 +66,18 @@ def sample(options: SampleCommand) -> None:
     study = load_samples(options.study, options.overrides or [])
     folder = options.out or Path("results") / f"sample-{options.study.stem}"
     sampling = make_sampling(study)
-    chosen = [name for name in ("plan", "array", "collect") if getattr(options, name)]
-    if study.target == "circuit":
-        if chosen or options.member is not None:
-            word = chosen[0] if chosen else "member"
-            raise CaseError("the circuit alone takes seconds; this is for runs", key=f"--{word}")
-        _finish(sampling, _circuits(sampling, trust=options.trust), folder)
+    if study.target == "case":
+        _runs(options, sampling, folder)
         return
-    _runs(options, sampling, folder)
+    chosen = [name for name in ("plan", "array", "collect") if getattr(options, name)]
+    if chosen or options.member is not None:
+        word = chosen[0] if chosen else "member"
+        said = {"circuit": "the circuit alone takes seconds", "statics": "statics take minutes"}
+        raise CaseError(f"{said[study.target]}; this is for runs", key=f"--{word}")
+    if study.target == "circuit":
+        _finish(sampling, _circuits(sampling, trust=options.trust), folder)
+    else:
+        _finish(sampling, _statics(options, sampling, folder), folder)
 
 
 def _circuits(sampling: Sampling, *, trust: bool) -> Sampled:
@@ -89,6 +91,21 @@ def _circuits(sampling: Sampling, *, trust: bool) -> Sampled:
     typer.echo(f"{len(sampling.values)} samples of the circuit alone")
     case = load_case(study.case, study.changes, trust=trust)
     return run_circuits(case, study.orifice, inputs.keys, inputs.units, sampling.values)
+
+
+def _statics(options: SampleCommand, sampling: Sampling, folder: Path) -> Sampled:
+    """Solve the statics of every sample."""
+    from valvefsi.studies.runner import cores
+    from valvefsi.studies.static_samples import run_statics, static_samples
+
+    samples = static_samples(sampling, trust=options.trust)
+
+    def say(done: int, failed: int, total: int) -> None:
+        typer.echo(f"{done} of {total} samples done" + (f", {failed} failed" if failed else ""))
+
+    jobs = min(options.jobs or cores(), len(samples))
+    how: Any = {"resume": options.resume, "overwrite": options.overwrite, "notify": say}
+    return run_statics(samples, folder, jobs=jobs, **how)
 
 
 def _runs(options: SampleCommand, sampling: Sampling, folder: Path) -> None:

@@ -11,7 +11,7 @@ import typer
 
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Out, Set, Trust
+from valvefsi.cli.options import Anew, CaseFile, JobsOfMembers, Out, PlanMembers, Set, Trust
 from valvefsi.cli.study_plan import print_plan, raise_failed
 from valvefsi.cli.tables import number, print_table
 
@@ -28,7 +28,7 @@ MOST = 4
 class SweepCommand:
     """Arguments and options of ``sweep``."""
 
-    case: Annotated[Path, typer.Argument(metavar="CASE.toml", help="The case file.")]
+    case: CaseFile
     over: Annotated[
         list[str],
         typer.Option(
@@ -42,14 +42,9 @@ class SweepCommand:
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the study in the folder; more values may join it.")
     ] = False
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Run anew what the folder holds.")] = False
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", metavar="N", help="Members that run at once; one a core if left out."),
-    ] = None
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Print steps and expected time of each member; do not run.")
-    ] = False
+    overwrite: Anew = False
+    jobs: JobsOfMembers = None
+    plan: PlanMembers = False
     trust: Trust = False
 
 

@@ -12,7 +12,7 @@ import typer
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.labels import LABELS
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Out, Set, Trust
+from valvefsi.cli.options import Out, Set, StudyFile, Trust
 from valvefsi.cli.tables import print_table
 from valvefsi.errors import CaseError
 
@@ -26,7 +26,7 @@ KINDS = {"l2_percent": "L2", "linf_percent": "Linf"}
 class ValidateCommand:
     """Arguments and options of ``validate``."""
 
-    study: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="The study.")]
+    study: StudyFile
     stage: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Make this stage alone, or all of a kind: run for every grid."),

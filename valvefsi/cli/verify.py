@@ -12,7 +12,7 @@ import typer
 
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.option_groups import as_number, options_of
-from valvefsi.cli.options import Out, Set, Trust
+from valvefsi.cli.options import Anew, CaseFile, JobsOfMembers, Out, PlanMembers, Set, Trust
 from valvefsi.cli.study_plan import print_plan, raise_failed
 from valvefsi.cli.tables import print_lines, print_table
 
@@ -27,7 +27,7 @@ MOST = 12
 class VerifyCommand:
     """Arguments and options of ``verify``."""
 
-    case: Annotated[Path, typer.Argument(metavar="CASE.toml", help="The case file.")]
+    case: CaseFile
     grids: Annotated[
         str,
         typer.Option(
@@ -68,14 +68,9 @@ class VerifyCommand:
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the study in the folder; more grids may join it.")
     ] = False
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Run anew what the folder holds.")] = False
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", metavar="N", help="Members that run at once; one a core if left out."),
-    ] = None
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Print steps and expected time of each member; do not run.")
-    ] = False
+    overwrite: Anew = False
+    jobs: JobsOfMembers = None
+    plan: PlanMembers = False
     trust: Trust = False
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -106,6 +106,19 @@ def mesh_valve(
     return mesh
 
 
+def first_leaflet(mesh: ValveMesh) -> ValveMesh:
+    """Return the first of a valve's three leaflets, that of the sector around x; the others are it, turned."""
+    nodes, cells = len(mesh.points) // 3, len(mesh.cells) // 3
+    return replace(
+        mesh,
+        points=mesh.points[:nodes],
+        cells=mesh.cells[:cells],
+        leaflet=mesh.leaflet[:cells],
+        facets={name: faces[: len(faces) // 3] for name, faces in mesh.facets.items()},
+        fibres={name: vectors[:cells] for name, vectors in mesh.fibres.items()},
+    )
+
+
 def corner_edges(mesh: ValveMesh) -> Array:
     """Return the three edges at each corner of each cell, right-handed, ``(num_cells, corners, 3, 3)`` [cm]."""
     corners = mesh.points[mesh.cells]
@@ -184,7 +197,7 @@ def distribute(mesh: ValveMesh, comm: MPI.Comm) -> SolidMesh:
 
 
 def _to_gmsh(gmsh: Gmsh, mesh: ValveMesh) -> None:
-    cells = {f"leaflet_{number}": mesh.cells[mesh.leaflet == number] for number in (1, 2, 3)}
+    cells = {f"leaflet_{number}": mesh.cells[mesh.leaflet == number] for number in np.unique(mesh.leaflet)}
     fill_model(gmsh, mesh.points, mesh.facets, cells)
 
 

@@ -65,9 +65,9 @@ class Peaks:
         }
         volume, comm, found = self.stress.point_volumes(), self.stress.mesh.comm, {}
         for part, cells in self.parts.items():
-            weights = _together(comm, volume[cells])
+            weights = together(comm, volume[cells])
             for measure, array in of.items():
-                x = _together(comm, array[cells])
+                x = together(comm, array[cells])
                 found[f"{part}_{measure}_p99"] = percentile(x, weights)
                 found[f"{part}_{measure}_max"] = float(x.max())
         return {name: found[name] for name in columns_of(list(self.parts))}
@@ -81,6 +81,6 @@ def percentile(values: Array, weights: Array, share: float = SHARE) -> float:
     return float(values[order][at])
 
 
-def _together(comm: MPI.Comm, array: Array) -> Array:
+def together(comm: MPI.Comm, array: Array) -> Array:
     """Return the values of all ranks, flat (collective)."""
     return np.concatenate(comm.allgather(np.ravel(array)))

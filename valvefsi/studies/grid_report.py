@@ -13,7 +13,7 @@ from valvefsi import __version__
 from valvefsi.io.folder import write_text
 from valvefsi.studies.grid_study import GridStudy
 from valvefsi.studies.members import Outcome, Values
-from valvefsi.studies.sweep_picture import headlines
+from valvefsi.studies.sweep_picture import FIRST, headlines
 
 MOST, MOST_WAVES = 8, 6
 """Numbers and waveforms that are drawn."""
@@ -151,18 +151,20 @@ def draw_verification(
         )
         for name in changing
     ]
-    waves = {
-        row["quantity"]: (row["differences"], row["order"])
+    shown = [
+        row
         for row in result["waveforms"]
         if row["norm"] == "L2" and min(row["differences"]) > 0.0 and not row["quantity"].startswith(DULL)
-    }
+    ]
+    shown.sort(key=lambda row: not row["quantity"].startswith(FIRST))
+    waves = {row["quantity"]: (row["differences"], row["order"]) for row in shown[:MOST_WAVES]}
     spacings = ", ".join(f"{10 * grid['h_cm']:.4g}" for grid in result["grids"])
     caption = f"h = {spacings} mm"
     caption += "; bars: uncertainty of the finest value; diamonds: Richardson's value"
     picture = RefinementPicture(
         h=[grid["h_cm"] for grid in result["grids"]],
         numbers=numbers,
-        waves=dict(list(waves.items())[:MOST_WAVES]),
+        waves=waves,
         expected=study.expected,
         title=title or "grids",
         caption=caption,

@@ -32,11 +32,10 @@ from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, 
 from valvefsi.geometry.shapes import box
 from valvefsi.solid import loads as solid_loads
 from valvefsi.solid import statics
-from valvefsi.solid.elements.shell_elasticity import ShellElasticity
 from valvefsi.solid.loads import DeadLoad, PointLoad
 from valvefsi.solid.materials import SaintVenantKirchhoff
-from valvefsi.solid.shell_stress import ShellStress
 from valvefsi.solid.statics import Fixed, SolidShell
+from valvefsi.solid.structure_stress import stress_of_equilibrium
 
 if TYPE_CHECKING:
     from valvefsi.types import Array
@@ -142,14 +141,10 @@ class ThinShell(Static):
         )
         values = self.read_off(solution.displacement_at(setting.points))
         space = solution.displacement.function_space
-        elements = ShellElasticity(body, space, self.material, *SolidShell().parts(self.material))
-        owned = space.dofmap.index_map.size_local
-        u = solution.displacement.x.array.reshape(-1, 3)[:owned]
-        elements.set_position(space.tabulate_dof_coordinates()[:owned] + u)
         return Answer(
             values=dict(zip(self.units, map(float, values), strict=True)),
             unknowns=3 * space.dofmap.index_map.size_global,
-            body=body_of(ShellStress(elements)),
+            body=body_of(stress_of_equilibrium(solution, body, self.material, SolidShell())),
         )
 
     def compared_with(self) -> References:

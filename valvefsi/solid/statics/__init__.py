@@ -1,5 +1,6 @@
 """Statics: the deformation under given loads, exactly or nearly incompressible."""
 
+from valvefsi.solid.statics.contact import Contact, contact_area
 from valvefsi.solid.statics.formulations import EqualOrder, NearlyIncompressible, TaylorHood
 from valvefsi.solid.statics.problem import (
     TAYLOR_HOOD,
@@ -14,6 +15,7 @@ from valvefsi.solid.statics.supports import Fixed, Symmetry, rotation
 
 __all__ = [
     "TAYLOR_HOOD",
+    "Contact",
     "EqualOrder",
     "Fixed",
     "LoadStep",
@@ -23,6 +25,7 @@ __all__ = [
     "StaticSolution",
     "Symmetry",
     "TaylorHood",
+    "contact_area",
     "evaluate_at",
     "rotation",
     "solve",

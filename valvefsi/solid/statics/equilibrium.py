@@ -20,6 +20,7 @@ from valvefsi.errors import CaseError
 from valvefsi.solid.loads import DeadLoad, PointLoad, Pressure, Tether
 from valvefsi.solid.materials.fibres import check_fibres
 from valvefsi.solid.newton import Newton
+from valvefsi.solid.statics.contact import Contact
 from valvefsi.solid.statics.fieldsplit import BlockNewton
 from valvefsi.solid.statics.formulations import deformation
 from valvefsi.solid.statics.supports import Fixed, Prescribed, Symmetry, facet_tags, plane_normal
@@ -39,7 +40,7 @@ class Body:
     Args:
         mesh: A ``SolidMesh``; two dimensions are plane strain.
         material: Isochoric energy W.
-        supports: Prescribed displacements and planes of symmetry.
+        supports: Prescribed displacements, planes of symmetry, planes that may be touched.
         loads: Dead loads, follower pressures and forces on nodes; their ramps in time are ignored.
         tethers: Springs to the reference position; their damping is ignored.
         quadrature_degree: Degree of the quadrature of all forms.
@@ -47,7 +48,7 @@ class Body:
 
     mesh: Mesh
     material: Material
-    supports: Sequence[Fixed | Symmetry]
+    supports: Sequence[Fixed | Symmetry | Contact]
     loads: Sequence[DeadLoad | Pressure | PointLoad]
     tethers: Sequence[Tether]
     quadrature_degree: int
@@ -84,7 +85,7 @@ class Body:
         return found
 
     def potential(self, u: Expr, factor: fem.Constant) -> ufl.Form:
-        """Return the potential of springs and dead loads (collective)."""
+        """Return the potential of springs, contact and dead loads (collective)."""
         form = fem.Constant(self.mesh.mesh, 0.0) * self.dX
         for load in self.loads:
             if isinstance(load, DeadLoad):
@@ -94,6 +95,9 @@ class Body:
             mask = ufl.as_vector(tether.mask[: self.mesh.dim])
             held = sum(mask[i] * u[i] ** 2 for i in range(self.mesh.dim))
             form += tether.stiffness / 2 * held * self._measure(tether.on)
+        for plane in self.supports:
+            if isinstance(plane, Contact):
+                form += plane.stiffness / 2 * plane.depth(self.mesh, u) ** 2 * self._ds(plane.on)
         for support, normal in self._planes():
             if _axis_of(normal) is None:
                 stiffness = support.stiffness or 1e5 * self.material.shear_modulus / self.size

@@ -16,6 +16,7 @@ from dolfinx import fem, geometry
 
 from valvefsi.errors import CaseError, ConvergenceError
 from valvefsi.solid.newton import Newton
+from valvefsi.solid.statics.contact import Contact
 from valvefsi.solid.statics.equilibrium import SOLVERS, Body
 from valvefsi.solid.statics.formulations import TaylorHood
 from valvefsi.solid.statics.shell import ShellProblem, SolidShell
@@ -135,7 +136,7 @@ def solve(
     mesh: Mesh,
     material: Material,
     *,
-    fixed: Sequence[Fixed | Symmetry],
+    fixed: Sequence[Fixed | Symmetry | Contact],
     loads: Sequence[DeadLoad | Pressure | PointLoad] = (),
     tethers: Sequence[Tether] = (),
     formulation: Formulation | SolidShell = TAYLOR_HOOD,
@@ -154,7 +155,7 @@ def solve(
     Args:
         mesh: A ``SolidMesh``; two dimensions are plane strain.
         material: Isochoric energy W.
-        fixed: Prescribed displacements and planes of symmetry.
+        fixed: Prescribed displacements, planes of symmetry, planes that may be touched.
         loads: Dead loads, follower pressures and forces on nodes; their ramps in time are ignored.
         tethers: Springs to the reference position; their damping is ignored.
         formulation: `TaylorHood`, `NearlyIncompressible`, `EqualOrder` or `SolidShell`.

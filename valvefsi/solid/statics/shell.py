@@ -18,6 +18,7 @@ from valvefsi.solid.elements.shell_cells import MODES
 from valvefsi.solid.elements.shell_elasticity import POINTS, ShellElasticity, split
 from valvefsi.solid.elements.shell_layers import BITS
 from valvefsi.solid.materials import Volumetric
+from valvefsi.solid.materials.constants import adjustable
 from valvefsi.solid.newton import Newton
 from valvefsi.solid.statics.supports import Prescribed
 
@@ -37,13 +38,13 @@ class SolidShell:
     """Solid-shell hexahedra, held in volume by the energy that the coupled solid uses.
 
     Args:
-        nu_stab: Numerical Poisson ratio of the stabilisation (S22).
+        nu_stab: Numerical Poisson ratio of the stabilisation (S22); None for off.
         kappa: The bulk modulus itself, goes before nu_stab [dyn/cm^2].
         volumetric: See `Volumetric`.
         points: Gauss points through the thickness of an element.
     """
 
-    nu_stab: float = 0.4
+    nu_stab: float | None = 0.4
     kappa: float | None = None
     volumetric: str = "log"
     points: int = POINTS
@@ -53,6 +54,11 @@ class SolidShell:
     def parts(self, material: Material) -> tuple[Volumetric, Volumetric]:
         """Return the volumetric energies of the columns and of the elements as wholes."""
         return split(material, self.nu_stab, self.kappa, self.volumetric)
+
+    def elements(self, mesh: Mesh, space: fem.FunctionSpace, material: Material) -> ShellElasticity:
+        """Return the elements of a body; materials that differ in numbers alone share compiled forms (collective)."""
+        columns, mean = (adjustable(part) for part in self.parts(material))
+        return ShellElasticity(mesh, space, adjustable(material), columns, mean, self.points)
 
     def pressure(self, mesh: Mesh, material: Material, u: fem.Function) -> Expr:
         """Return p = -dU/dJ at the volume ratio of each element; 0 of a material with a volumetric part of its own."""
@@ -88,8 +94,7 @@ class ShellProblem:
         follower = body.follower(self.state, test, self.factor)
         if follower is not None:
             residual += follower
-        columns, mean = formulation.parts(body.material)
-        elements = ShellElasticity(body.mesh, space, body.material, columns, mean, formulation.points)
+        elements = formulation.elements(body.mesh, space, body.material)
         self.elements = elements
         self.prescribed = Prescribed(body.mesh, space, body.fixed())
         forces = body.point_forces(space)
