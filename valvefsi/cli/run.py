@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +13,7 @@ from valvefsi.cli.closing import show_run
 from valvefsi.cli.options import AllowChange, Out, Overwrite, Plan, Resume, Set, Trust
 from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
+from valvefsi.cli.watch import served
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
@@ -26,6 +28,9 @@ def run(
     allow_change: AllowChange = False,
     overrides: Set = None,
     plan: Plan = False,
+    view: Annotated[
+        bool, typer.Option("--view", help="Serve a page to watch the run on, as valvefsi watch does.")
+    ] = False,
     trust: Trust = False,
 ) -> None:
     """Run a case; the results go to results/NAME of the case file unless --out says otherwise."""
@@ -55,7 +60,8 @@ def run(
         show_result(result, comm)
         return
     options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
-    with Progress(comm, loaded.title or case.stem, period=beat_period(loaded)) as progress:
+    page = served(folder, comm, trust=trust) if view else contextlib.nullcontext()
+    with page, Progress(comm, loaded.title or case.stem, period=beat_period(loaded)) as progress:
         result = run_case(loaded, out=folder, comm=comm, progress=progress, **options)
     show_run(result, comm, folder, units=loaded.output.units)
 
