@@ -114,6 +114,7 @@ def _narrow_legends(figure: Figure) -> None:
     figure.draw_without_rendering()
     for axes, legend in legends:
         width, count = axes.get_window_extent().width, len(legend.get_texts())
+        legend.set_in_layout(True)
         if legend.get_window_extent().width <= width:
             continue
         how = {"labels": [text.get_text() for text in legend.get_texts()], "handles": legend.legend_handles}
