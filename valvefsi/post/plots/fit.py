@@ -184,27 +184,12 @@ def _panel(
     upper = figure.add_subplot(inner[0])
     lower = figure.add_subplot(inner[1], sharex=upper)
     for curve, colour in zip(block.curves, LINES, strict=False):
-        step = max(len(curve.x) // 60, 1)
-        upper.plot(
-            curve.x[::step],
-            curve.data[::step],
-            "o",
-            color=colour,
-            markersize=3.2,
-            alpha=0.55,
-            markeredgewidth=0,
-            label=f"{curve.name}, data",
-        )
+        step, marks = max(len(curve.x) // 60, 1), {"markersize": 3.2, "alpha": 0.55, "markeredgewidth": 0}
+        said = f"{curve.name}, data"
+        upper.plot(curve.x[::step], curve.data[::step], "o", color=colour, label=said, **marks)
         if curve.band is not None and np.isfinite(curve.band).all():
-            upper.fill_between(
-                curve.x,
-                curve.curve - curve.band,
-                curve.curve + curve.band,
-                color=colour,
-                alpha=0.22,
-                linewidth=0,
-                label=f"{curve.name}, 95 % band",
-            )
+            low, high, said = curve.curve - curve.band, curve.curve + curve.band, f"{curve.name}, 95 % band"
+            upper.fill_between(curve.x, low, high, color=colour, alpha=0.22, linewidth=0, label=said)
         dashes = {"dashes": (4, 2)} if block.predicted else {}
         upper.plot(curve.x, curve.curve, color=colour, linewidth=1.7, label=curve.name, **dashes)
         left = curve.curve - curve.data
