@@ -64,8 +64,8 @@ INSIDE = {
         {"blocks", "runs", "words"},
         {"geometry", "inputs", "results", "evidence", "writing"},
         {"scenes", "others"},
-        {"compared"},
-        {"folders"},
+        {"compared", "live"},
+        {"folders", "serving"},
     ],
     "benchmarks": [
         {"options", "references", "results"},

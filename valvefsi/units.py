@@ -25,3 +25,17 @@ CENTIPOISE = 0.01
 
 PLAUSIBLE = {"t": 1e7, "p": 1e9, "q": 1e7, "v": 1e7, "a": 1e6}
 """Largest size of a time, pressure, flow, volume and area that a record may hold [s, dyn/cm^2, cm^3/s, cm^3, cm^2]."""
+
+
+def format_time(seconds: float | None) -> str:
+    """Return a duration as people say it."""
+    if seconds is None:
+        return "unknown time"
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, seconds = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {seconds:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"

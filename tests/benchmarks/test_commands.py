@@ -96,6 +96,8 @@ def test_options_of_every_kind_reach_the_benchmark(shared_tmp):
         "t_end=0.02",
         "--set",
         "mu=2",
+        "--style",
+        "paper",
     ]
     out = shared_tmp / "out"
     done = CliRunner().invoke(app, ["bench", "shell", *options, "--out", str(out)], catch_exceptions=False)
@@ -107,6 +109,10 @@ def test_options_of_every_kind_reach_the_benchmark(shared_tmp):
         assert [name for name in result["quantities"] if "shell" in name] == [
             "shell, ib4, nodal",
             "shell, bspline3, nodal",
+        ]
+        assert sorted(path.name for path in out.iterdir() if path.name.startswith("shell")) == [
+            "shell.pdf",
+            "shell_data.csv",
         ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
@@ -77,6 +78,33 @@ def test_the_command_leaves_json_material_and_pictures(record, tmp_path):
     assert set(written["comparison"]) == {"hgo", "lee_sacks"}
     for name in ("fit.png", "profiles.png"):
         assert (out / name).read_bytes()[:4] == PNG
+
+
+def test_pictures_of_a_fit_for_papers_are_vectors_with_their_numbers(record, tmp_path):
+    done = run(record, "--model", "neo-hookean", "--starts", "1", "--style", "paper", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix not in (".json", ".toml")) == [
+        "fit.pdf",
+        "fit_data.csv",
+        "profiles.pdf",
+        "profiles_data.csv",
+    ]
+    lines = (tmp_path / "fit_data.csv").read_text().splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    assert {row["series"] for row in rows if "protocol 2" in row["axes"]} >= {
+        "component 11",
+        "component 22, data",
+    }
+    held = [
+        float(row["y"])
+        for row in rows
+        if row["axes"].startswith("protocol 2") and row["series"] == "component 11, data"
+    ]
+    table = np.genfromtxt(record, delimiter=",", names=True)
+    assert set(held) <= {float(f"{p:.7g}") for p in table["P11_kPa"][table["protocol"] == 2]}
+    assert len(held) > 5
+    parts = (tmp_path / "profiles_data.csv").read_text()
+    assert all(word in parts for word in (",profile,", ",computed,", ",best,", ",95 % threshold,"))
 
 
 def test_a_case_file_takes_the_material_as_it_is(record, tmp_path):

@@ -187,13 +187,19 @@ def test_the_command_lists_outliers_and_replaces_them_only_when_asked(tmp_path):
     assert "row 22, column p_ao_mmHg" in left.output
     assert "row 79, column p_ao_mmHg" in left.output
     assert "2 outliers, left as they are" in left.output
-    mended = run(path, "--starts", 1, "--repair", "outliers", "--out", tmp_path / "mended")
+    paper = ("--style", "paper", "--out", tmp_path / "mended")
+    mended = run(path, "--starts", 1, "--repair", "outliers", *paper)
     assert "2 outliers replaced" in mended.output
     assert path.read_text() == before
     repaired = read_waveforms(tmp_path / "mended" / "repaired.csv")
     assert np.allclose(repaired["p_ao"], waves["p_ao"], rtol=1e-9)
     costs = [json.loads((tmp_path / name / "fit.json").read_text())["cost"] for name in ("left", "mended")]
     assert costs[1] < 1e-2 * costs[0]
+    left, mended = ({path.name for path in (tmp_path / name).iterdir()} for name in ("left", "mended"))
+    assert {"fit.png", "profiles.png"} <= left
+    assert left.isdisjoint({"fit.pdf", "fit_data.csv"})
+    assert {"fit.pdf", "fit_data.csv", "profiles.pdf", "profiles_data.csv"} <= mended
+    assert mended.isdisjoint({"fit.png", "profiles.png"})
 
 
 def test_the_command_derives_the_pump(tmp_path):

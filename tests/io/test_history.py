@@ -3,9 +3,10 @@
 import contextlib
 
 import pytest
+from mpi4py import MPI
 
 from valvefsi.errors import CaseError
-from valvefsi.io.history import History, read_history
+from valvefsi.io.history import History, HistoryReader, read_history
 
 COLUMNS = ("step", "t_s", "u_y_cm")
 
@@ -79,3 +80,40 @@ def test_damaged_rows_are_passed_over_with_one_line(comm, shared_tmp):
         History(path, COLUMNS, comm, resume_step=5)
     comm.barrier()
     assert read_history(path) == {"step": [1, 3], "t_s": [0.1, 0.3], "u_y_cm": [0.5, 0.7]}
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="knows of no ranks")
+def test_a_history_that_grows_is_read_on_by_whole_rows_only(tmp_path):
+    path = tmp_path / "history.csv"
+    reader = HistoryReader(path)
+    assert not reader.read()
+    assert reader.columns == {}
+    for text, new, steps in (
+        ("step,t", False, None),
+        ("_s\n", True, []),
+        ("0,0.0\n1,0.", True, [0]),
+        ("", False, [0]),
+        ("125", False, [0]),
+        ("\n2,oh\n3,0.3,4\n4,0.5\n", True, [0, 1, 4]),
+    ):
+        with path.open("a") as file:
+            file.write(text)
+        assert reader.read() == new
+        assert (list(reader.columns["step"]) if reader.columns else None) == steps
+    assert list(reader.columns["t_s"]) == [0.0, 0.125, 0.5]
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="knows of no ranks")
+def test_a_history_that_was_replaced_is_read_from_its_start(tmp_path):
+    path = tmp_path / "history.csv"
+    path.write_text("step,t_s\n0,0\n1,1\n2,2\n")
+    reader = HistoryReader(path)
+    reader.read()
+    for text in ("step,q\n0,5\n1,6\n2,7\n3,8\n", "step,q\n0,9\n"):
+        (tmp_path / "new").write_text(text)
+        (tmp_path / "new").replace(path)
+        assert reader.read()
+        assert [float(row.split(",")[1]) for row in text.split()[1:]] == list(reader.columns["q"])
+    path.unlink()
+    assert reader.read()
+    assert reader.columns == {}

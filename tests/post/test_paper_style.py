@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import re
 import zlib
 
@@ -94,6 +95,42 @@ def test_nothing_of_a_figure_leaves_its_page(tmp_path, monkeypatch):
     assert box.y0 >= -0.02
     assert box.x1 <= width + 0.02
     assert box.y1 <= height + 0.02
+
+
+def test_a_legend_wider_than_its_axes_stands_above_them_and_numbers_at_ticks_stay_apart(tmp_path):
+    from matplotlib.figure import Figure
+
+    from valvefsi.post.plots import paper as style
+
+    figure = Figure(figsize=(7.6, 3.0))
+    axes = figure.subplots()
+    for k in range(3):
+        axes.plot([0.0, 1.0], [0.0, k], label=f"a name that is too long for one row, {k}")
+    axes.legend(ncols=3, frameon=False)
+    axes.xaxis.set_major_formatter("{x:.5f}")
+    axes.set_xticks(np.linspace(0.0, 1.0, 21))
+    style.save_for_paper(figure, tmp_path / "wide.png")
+    box, frame = axes.get_legend().get_window_extent(), axes.get_window_extent()
+    assert box.y0 >= frame.y1
+    assert box.width <= frame.width
+    assert frame.width > 0.7 * figure.bbox.width, "the axes have not given way to it"
+    labels = [label.get_window_extent() for label in axes.get_xticklabels()]
+    assert len(labels) > 2
+    assert axes.get_xticks()[0] == 0.0
+    assert all(b.x0 > a.x1 for a, b in itertools.pairwise(labels))
+
+
+def test_a_legend_that_lies_below_its_axes_stays_on_the_page(tmp_path):
+    from matplotlib.figure import Figure
+
+    from valvefsi.post.plots import paper as style
+
+    figure = Figure(figsize=(7.2, 4.9))
+    for axes in figure.subplots(1, 2):
+        axes.plot([0.0, 1.0], label="short")
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.25))
+    style.save_for_paper(figure, tmp_path / "below.png")
+    assert all(axes.get_legend().get_window_extent().y0 >= -0.5 for axes in figure.axes)
 
 
 def test_outside_of_it_figures_are_as_they_were(tmp_path):

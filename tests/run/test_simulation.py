@@ -13,7 +13,9 @@ from mpi4py import MPI
 from tests.coupled_case import DT, STEPS, block_model, moved, simulation
 from valvefsi import fsi
 from valvefsi.errors import CaseError, StabilityError, Stopped
+from valvefsi.io.folder import held, request_stop
 from valvefsi.io.history import read_history
+from valvefsi.run import simulation as loop
 
 WORLD = MPI.COMM_WORLD
 
@@ -135,6 +137,21 @@ def test_a_signal_to_any_rank_writes_a_checkpoint_and_says_how_to_resume(number,
     outcome = sim.run(resume=True)
     assert outcome.steps == STEPS - 13
     assert largest_gap(whole_state(sim, outcome.state), expected) < 1e-12
+
+
+def test_a_request_in_the_folder_stops_all_ranks_as_a_signal_does(shared_tmp, uninterrupted, monkeypatch):
+    _, expected = uninterrupted
+    monkeypatch.setattr(loop, "LOOK_S", 0.0)
+
+    def progress(step, *_):
+        if step == 12 and WORLD.rank == 0:
+            request_stop(shared_tmp)
+
+    with held(shared_tmp, WORLD), pytest.raises(Stopped, match=r"step 13.*--resume") as caught:
+        simulation(shared_tmp).run(progress=progress)
+    assert caught.value.signal == signal.SIGINT
+    sim = simulation(shared_tmp)
+    assert largest_gap(whole_state(sim, sim.run(resume=True).state), expected) < 1e-12
 
 
 def test_an_unfinished_run_is_not_overwritten_but_a_finished_one_is(shared_tmp):

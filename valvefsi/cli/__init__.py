@@ -38,6 +38,7 @@ from valvefsi.cli.sweep import sweep
 from valvefsi.cli.target import target
 from valvefsi.cli.validate import validate
 from valvefsi.cli.verify import verify
+from valvefsi.cli.watch import watch
 from valvefsi.errors import (
     CaseError,
     Stopped,
@@ -70,6 +71,7 @@ app.command()(compare)
 app.command()(numbers)
 app.command()(target)
 app.command()(report)
+app.command()(watch)
 app.command()(doctor)
 app.command()(validate)
 app.command()(verify)

@@ -9,7 +9,7 @@ import typer
 
 from valvefsi.benchmarks.registry import ENTRIES, markdown
 from valvefsi.cli.bench_command import add
-from valvefsi.cli.options import HELP, not_a_folder
+from valvefsi.cli.options import HELP, Style, not_a_folder
 from valvefsi.cli.tables import WIDE, print_table
 
 bench = typer.Typer(help="Run a published benchmark and compare.", **HELP)
@@ -29,12 +29,14 @@ def table(
             "--out", metavar="FILE.md", help="The table; a picture lies beside it.", callback=not_a_folder
         ),
     ] = Path("results/benchmarks.md"),
+    style: Style = "screen",
 ) -> None:
     """Gather results of benchmarks: computed, reference, difference, source, grid, ranks, date, time."""
     from rich.console import Console
 
     from valvefsi.io.folder import write_text
     from valvefsi.post.plots.comparison import differences
+    from valvefsi.post.plots.paper import paper
     from valvefsi.verification.collection import COLUMNS, collect
     from valvefsi.verification.collection import markdown as as_table
 
@@ -46,7 +48,8 @@ def table(
         for line in lines
         if line.difference_percent is not None
     ]
-    picture = differences(out.with_suffix(".png"), rows, title="Benchmarks against their references")
+    with paper(style == "paper"):
+        picture = differences(out.with_suffix(".png"), rows, title="Benchmarks against their references")
     numbers = ("computed", "reference", "off", "ranks", "time")
     columns = {name: "right" if name in numbers else "left" for name in COLUMNS}
     console = Console(width=None if Console().is_terminal else WIDE + 60)

@@ -15,7 +15,7 @@ import typer
 
 from valvefsi.benchmarks.registry import Entry
 from valvefsi.cli.bench_progress import announced
-from valvefsi.cli.options import HELP, Out, Overwrite, Plan, Resume, plain
+from valvefsi.cli.options import HELP, Out, Overwrite, Plan, Resume, Style, plain
 from valvefsi.cli.tables import show_result
 from valvefsi.errors import CaseError
 
@@ -95,7 +95,7 @@ def command_of(benchmark: type[Command]) -> Callable[..., None]:
     from valvefsi.benchmarks.options import flag_of, options_of
 
     hints, kinds = typing.get_type_hints(benchmark), {}
-    arguments = [_argument("out", Out, None)]
+    arguments = [_argument("out", Out, None), _argument("style", Style, "screen")]
     for name, (item, chosen) in options_of(benchmark).items():
         flag = flag_of(name, chosen)
         kinds[name] = kind = kind_of(hints[name], item.default, chosen, flag)
@@ -113,12 +113,20 @@ def command_of(benchmark: type[Command]) -> Callable[..., None]:
         arguments.append(_argument("overwrite", Overwrite, False))
 
     def command(
-        out: Path | None, resume: bool = False, plan: bool = False, overwrite: bool = False, **chosen: Any
+        out: Path | None,
+        style: str,
+        resume: bool = False,
+        plan: bool = False,
+        overwrite: bool = False,
+        **chosen: Any,
     ) -> None:
         one = benchmark(**{name: kinds[name].read(value) for name, value in chosen.items()})
         if overwrite:
             one = one.overwrite()  # type: ignore[attr-defined]
-        execute(one, out, resume=resume, plan=plan)
+        from valvefsi.post.plots.paper import paper
+
+        with paper(style == "paper"):
+            execute(one, out, resume=resume, plan=plan)
 
     command.__signature__ = inspect.Signature(arguments)  # type: ignore[attr-defined]
     command.__annotations__ = {argument.name: argument.annotation for argument in arguments}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from valvefsi.cli.progress import PLAIN_INTERVAL, Progress
-from valvefsi.cli.tables import format_time
+from valvefsi.units import format_time
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from valvefsi.cli.tables import format_time, number, print_lines, print_table, terminal
+from valvefsi.cli.tables import number, print_lines, print_table, terminal
 from valvefsi.post.columns import column_label
+from valvefsi.units import format_time
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -11,7 +11,7 @@ import typer
 from valvefsi.cli.fit_output import Texts, names, numbers, progress, ranges, show
 from valvefsi.cli.fit_windkessel import windkessel
 from valvefsi.cli.option_groups import as_number, options_of, pairs
-from valvefsi.cli.options import MARKS, Bounds, Decimal, Out, Seed, Starts
+from valvefsi.cli.options import MARKS, Bounds, Decimal, Out, Seed, Starts, Style
 from valvefsi.errors import CaseError
 
 fit = typer.Typer(
@@ -83,6 +83,7 @@ class BiaxialCommand:
     starts: Starts = 32
     seed: Seed = 0
     out: Out = None
+    style: Style = "screen"
 
 
 @fit.command("biaxial")
@@ -144,7 +145,10 @@ def biaxial(options: BiaxialCommand) -> None:
             seed=options.seed,
         )
     folder = options.out or Path("results") / f"fit-{options.data[0].stem}"
-    result.write(folder)
+    from valvefsi.post.plots.paper import paper
+
+    with paper(options.style == "paper"):
+        result.write(folder)
     show(result.report, folder)
 
 

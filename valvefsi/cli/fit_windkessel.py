@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +12,7 @@ import typer
 
 from valvefsi.cli.fit_output import Texts, console, names, numbers, progress, ranges, show
 from valvefsi.cli.option_groups import options_of, pairs
-from valvefsi.cli.options import MARKS, Bounds, Decimal, Out, Seed, Starts
+from valvefsi.cli.options import MARKS, Bounds, Decimal, Out, Seed, Starts, Style
 from valvefsi.cli.tables import print_table
 from valvefsi.errors import CaseError
 
@@ -73,6 +74,7 @@ class WindkesselCommand:
     starts: Starts = 8
     seed: Seed = 0
     out: Out = None
+    style: Style = "screen"
 
 
 @options_of(WindkesselCommand)
@@ -105,7 +107,15 @@ def windkessel(options: WindkesselCommand) -> None:
         settings, waves = _prepared(options, circuits, folder)
         if waves is not None:
             reports += [fit_windkessel(waves, name, _of(settings, name), notify) for name in circuits]
-    _show(reports, folder)
+    with _styled(options):
+        _show(reports, folder)
+
+
+def _styled(options: WindkesselCommand) -> AbstractContextManager[None]:
+    """Return in what pictures are saved in the style that was asked for."""
+    from valvefsi.post.plots.paper import paper
+
+    return paper(options.style == "paper")
 
 
 def _prepared(
@@ -132,7 +142,8 @@ def _prepared(
     waves = _read(options, folder).flipped(options.flip or [])
     if options.circuit == CIRCUIT and "p_pump" not in waves.values:
         derived = derive_pump(waves, settings.fixed, cutoff=options.smooth)
-        derived.write(folder)
+        with _styled(options):
+            derived.write(folder)
         typer.echo(f"{derived.summary()}\nresults in {folder}")
         return settings, None
     if options.smooth:

@@ -6,7 +6,8 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from valvefsi.cli.tables import format_time, number
+from valvefsi.cli.tables import number
+from valvefsi.units import format_time
 
 if TYPE_CHECKING:
     from types import TracebackType

@@ -2,62 +2,83 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from valvefsi.cli.closing import show_run
+from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import AllowChange, CaseFile, Out, Overwrite, Plan, Resume, Set, Trust
 from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import show_result
+from valvefsi.cli.watch import served
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
     from valvefsi.case import Case
 
 
-def run(
-    case: CaseFile,
-    out: Out = None,
-    resume: Resume = False,
-    overwrite: Overwrite = False,
-    allow_change: AllowChange = False,
-    overrides: Set = None,
-    plan: Plan = False,
-    trust: Trust = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class RunCommand:
+    """Arguments and options of ``run``."""
+
+    case: CaseFile
+    out: Out = None
+    resume: Resume = False
+    overwrite: Overwrite = False
+    allow_change: AllowChange = False
+    overrides: Set = None
+    plan: Plan = False
+    view: Annotated[
+        bool, typer.Option("--view", help="Serve a page to watch the run on, as valvefsi watch does.")
+    ] = False
+    trust: Trust = False
+
+
+@options_of(RunCommand)
+def run(options: RunCommand) -> None:
     """Run a case; the results go to results/NAME of the case file unless --out says otherwise."""
     from mpi4py import MPI
 
     from valvefsi.case import load_case
 
-    loaded, comm = load_case(case, overrides or [], trust=trust), MPI.COMM_WORLD
+    loaded, comm = load_case(options.case, options.overrides or [], trust=options.trust), MPI.COMM_WORLD
+    name = options.case.stem
     if comm.rank == 0:
-        typer.echo(_first_line(loaded, case.stem))
+        typer.echo(_first_line(loaded, name))
         sys.stdout.flush()
-    from valvefsi.case.build import plan_case, run_case
+    from valvefsi.case.build import run_case
     from valvefsi.case.target import beat_period
 
-    folder = out if out is not None else Path("results") / case.stem
-    if plan:
-        result: dict[str, Any] = plan_case(loaded, comm, folder)
-        if loaded.grid.dim == 3:
-            from valvefsi.benchmarks.studies.speed import on_more_ranks
-
-            explicit = any("viscosity is explicit" in entry.note for entry in result["plan"])
-            how: Any = {
-                "advection": loaded.fluid.advection,
-                "viscous": "explicit" if explicit else "implicit",
-            }
-            result["plan"] += on_more_ranks(result["plan"], comm, **how)
-        show_result(result, comm)
+    folder = options.out if options.out is not None else Path("results") / name
+    if options.plan:
+        show_result(_plan(loaded, comm, folder), comm)
         return
-    options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
-    with Progress(comm, loaded.title or case.stem, period=beat_period(loaded)) as progress:
-        result = run_case(loaded, out=folder, comm=comm, progress=progress, **options)
+    how = {"resume": options.resume, "overwrite": options.overwrite, "allow_change": options.allow_change}
+    page = served(folder, comm, trust=options.trust) if options.view else contextlib.nullcontext()
+    with page, Progress(comm, loaded.title or name, period=beat_period(loaded)) as progress:
+        result = run_case(loaded, out=folder, comm=comm, progress=progress, **how)
     show_run(result, comm, folder, units=loaded.output.units)
+
+
+def _plan(case: Case, comm: MPI.Comm, folder: Path) -> dict[str, Any]:
+    """Return the plan of a case, in three dimensions with what more ranks would bring. Collective."""
+    from valvefsi.case.build import plan_case
+
+    result: dict[str, Any] = plan_case(case, comm, folder)
+    if case.grid.dim == 3:
+        from valvefsi.benchmarks.studies.speed import on_more_ranks
+
+        explicit = any("viscosity is explicit" in entry.note for entry in result["plan"])
+        how: Any = {"advection": case.fluid.advection, "viscous": "explicit" if explicit else "implicit"}
+        result["plan"] += on_more_ranks(result["plan"], comm, **how)
+    return result
 
 
 def _first_line(case: Case, name: str) -> str:

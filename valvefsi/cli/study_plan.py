@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import typer
 
 from valvefsi.cli.fit_output import console
-from valvefsi.cli.tables import format_time, print_table
+from valvefsi.cli.tables import print_table
 from valvefsi.errors import StudyError
+from valvefsi.units import format_time
 
 if TYPE_CHECKING:
     from valvefsi.case import Case

@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING
 
 from valvefsi.cli.progress import PLAIN_INTERVAL, open_bar
-from valvefsi.cli.tables import format_time
+from valvefsi.units import format_time
 
 if TYPE_CHECKING:
     from types import TracebackType

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from valvefsi.units import format_time
+
 if TYPE_CHECKING:
     from mpi4py import MPI
     from rich.console import Console
@@ -78,20 +80,6 @@ def planned(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
             value, shown = factor * float(value), unit
         rows.append((entry.quantity, number(value), shown, entry.note))
     return rows
-
-
-def format_time(seconds: float | None) -> str:
-    """Return a duration as people say it."""
-    if seconds is None:
-        return "unknown time"
-    if seconds < 10:
-        return f"{seconds:.1f} s"
-    if seconds < 60:
-        return f"{seconds:.0f} s"
-    minutes, seconds = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {seconds:02d} s"
-    return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def _compared(row: Mapping[str, Any]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import socket
 import time
 import warnings
 from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,25 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 LOCK = ".lock"
+STOP = ".stop"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Holder:
+    """Who holds a folder.
+
+    Attributes:
+        host: Name of the host.
+        process: Number of the process, rank 0's.
+        since: Date and time on that host.
+    """
+
+    host: str
+    process: int
+    since: str
+
+    def __str__(self) -> str:
+        return f"process {self.process} on {self.host} since {self.since}"
 
 
 @contextlib.contextmanager
@@ -91,6 +111,7 @@ def held(folder: Path, comm: MPI.Comm) -> Iterator[None]:
         if comm.rank == 0:
             folder.mkdir(parents=True, exist_ok=True)
             lock = _lock(folder)
+            (folder / STOP).unlink(missing_ok=True)  # it was for a run before this one
     except (OSError, CaseError) as failure:
         error = failure
     raise_together(comm, error)
@@ -100,6 +121,7 @@ def held(folder: Path, comm: MPI.Comm) -> Iterator[None]:
         if lock is not None:
             with contextlib.suppress(OSError):
                 (folder / LOCK).unlink(missing_ok=True)
+                (folder / STOP).unlink(missing_ok=True)
                 os.close(lock)
                 folder.rmdir()  # only where it is empty
 
@@ -112,7 +134,7 @@ def _lock(folder: Path) -> int:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            who = _holder(os.read(lock, 4096))
+            who = _holder(os.read(lock, 4096)) or "just begun"
             os.close(lock)
             raise CaseError(
                 f"another run or study holds this folder, {who}; give another --out", file=folder
@@ -125,19 +147,49 @@ def _lock(folder: Path) -> int:
             if os.path.samestat(os.fstat(lock), path.stat()):
                 break
         os.close(lock)  # whoever held it has just taken it away
-    about = {
-        "host": socket.gethostname(),
-        "process": os.getpid(),
-        "since": time.strftime("%Y-%m-%d %H:%M:%S"),
-    }
+    about = Holder(host=socket.gethostname(), process=os.getpid(), since=time.strftime("%Y-%m-%d %H:%M:%S"))
     os.ftruncate(lock, 0)
-    os.write(lock, json.dumps(about).encode())
+    os.write(lock, json.dumps(asdict(about)).encode())
     return lock
 
 
-def _holder(text: bytes) -> str:
+def _holder(text: bytes) -> Holder | None:
+    """Return who a lock names, None where it is being written."""
     try:
         about = json.loads(text)
-        return f"process {about['process']} on {about['host']} since {about['since']}"
-    except (ValueError, KeyError, TypeError):  # it is being written
-        return "just begun"
+        return Holder(host=str(about["host"]), process=int(about["process"]), since=str(about["since"]))
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def holder_of(folder: Path) -> Holder | None:
+    """Return who holds a folder, None where nobody does; a lock whose process on this host is no more is none."""
+    try:
+        holder = _holder((Path(folder) / LOCK).read_bytes())
+    except OSError:
+        return None
+    gone = holder is not None and holder.host == socket.gethostname() and not _runs(holder.process)
+    return None if gone else holder
+
+
+def request_stop(folder: Path) -> None:
+    """Ask the run that holds a folder to write a checkpoint and end, by a file that it looks for.
+
+    The file holds what the lock holds: a later run ignores it.
+
+    Raises:
+        CaseError: No run holds the folder.
+        OSError: The file cannot be written.
+    """
+    if holder_of(folder) is None:
+        raise CaseError("no run holds this folder, there is nothing to stop", file=folder)
+    write_text(Path(folder) / STOP, (Path(folder) / LOCK).read_text(encoding="utf-8"))
+
+
+def stop_requested(folder: Path) -> bool:
+    """Whether the run that holds a folder is asked to stop, see `request_stop`."""
+    try:
+        asked = (Path(folder) / STOP).read_bytes()
+        return bool(asked) and asked == (Path(folder) / LOCK).read_bytes()
+    except OSError:
+        return False

@@ -54,14 +54,23 @@ def times_of(series: Path) -> list[tuple[float, Path]]:
     series = Path(series)
     if not series.is_file():
         raise CaseError("no such series; was the run made with output.frames?", file=series)
-    found = [(t, series.parent / name) for t, name in read_times(series)]
-    found = sorted(entry for entry in found if _is_complete(entry[1]))
+    found = [entry for entry in list_times(series) if is_complete(entry[1])]
     if not found:
         raise CaseError("the series has no complete files yet", file=series)
     return found
 
 
-def _is_complete(path: Path) -> bool:
+def list_times(series: Path) -> list[tuple[float, Path]]:
+    """Return times and files of a series in order, complete or not.
+
+    Raises:
+        CaseError: It cannot be read.
+    """
+    series = Path(series)
+    return sorted((t, series.parent / name) for t, name in read_times(series))
+
+
+def is_complete(path: Path) -> bool:
     """Return whether a file and all the pieces it names are there to their ends."""
     try:
         sources = [piece.get("Source", "") for piece in ET.parse(path).getroot().iter("Piece")]

@@ -11,7 +11,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from valvefsi.errors import CaseError, raise_together
+from valvefsi.types import Array
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -103,6 +106,64 @@ def read_history(path: Path) -> dict[str, list[float]]:
     return {name: [float(row[k]) for row in rows] for k, name in enumerate(columns)}
 
 
+class HistoryReader:
+    """Reads a history that grows, only what is new of it each time.
+
+    Args:
+        path: The file, which need not be there yet.
+
+    Attributes:
+        columns: Its columns by name so far, ``(n,)`` each; empty before its heading is there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self._begin(0)
+
+    def _begin(self, inode: int) -> None:
+        self.inode, self.place, self.names = inode, 0, list[str]()
+        self.columns: dict[str, Array] = {}
+
+    def read(self) -> bool:
+        """Read on to the last whole row; return whether anything is new.
+
+        A file that was replaced is read from its start. A row that is damaged, or not written to its end, is left out.
+        """
+        try:
+            with self.path.open("rb") as file:
+                about = os.fstat(file.fileno())
+                if about.st_ino != self.inode or about.st_size < self.place:
+                    self._begin(about.st_ino)
+                file.seek(self.place)
+                new = file.read()
+        except FileNotFoundError:
+            was = bool(self.columns)
+            self._begin(0)
+            return was
+        whole = new[: new.rfind(b"\n") + 1]
+        self.place += len(whole)
+        lines = whole.decode(errors="replace").splitlines()
+        if lines and not self.names:
+            self.names, lines = lines[0].split(","), lines[1:]
+            self.columns = {name: np.zeros(0) for name in self.names}
+        rows = [row for row in map(_numbers, lines) if len(row) == len(self.names)]
+        if rows:
+            table = np.array(rows).T
+            self.columns = {
+                name: np.concatenate([self.columns[name], column])
+                for name, column in zip(self.names, table, strict=True)
+            }
+        return bool(whole)
+
+
+def _numbers(line: str) -> list[float]:
+    """Return the numbers of a row, none where it is damaged."""
+    try:
+        return [float(value) for value in line.split(",")]
+    except ValueError:
+        return []
+
+
 def last_row(path: Path) -> dict[str, float]:
     """Return the last whole row of a history that may be growing, by column; empty where there is none yet."""
     try:
@@ -113,12 +174,9 @@ def last_row(path: Path) -> dict[str, float]:
     except FileNotFoundError:
         return {}
     columns = heading.decode(errors="replace").rstrip("\r\n").split(",")
-    for line in reversed(lines):
-        with contextlib.suppress(ValueError):
-            row = [float(value) for value in line.split(",")]
-            if len(row) == len(columns):
-                return dict(zip(columns, row, strict=True))
-    return {}
+    rows = (_numbers(line) for line in reversed(lines))
+    row = next((row for row in rows if len(row) == len(columns)), None)
+    return {} if row is None else dict(zip(columns, row, strict=True))
 
 
 def _read_rows(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:

@@ -95,7 +95,8 @@ def is_numeric(cell: object) -> bool:
     return isinstance(cell, int | float) and not isinstance(cell, bool)
 
 
-Block = Table | Note | Picture | Figure
+Text = Table | Note | Picture
+Block = Text | Figure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,6 +140,25 @@ class Page:
     title: str
     made: str
     parts: Sequence[Chapter] = field(default_factory=tuple)
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """What the head of a page on a run that goes on shows.
+
+    Attributes:
+        layout: What the page must be loaded again for when it changes.
+        state: State of the run, one word.
+        line: State of the run, one line.
+        share: Part of the run that is done, None where that is not known.
+        told: What else is said of it.
+    """
+
+    layout: str
+    state: str
+    line: str
+    share: float | None
+    told: Sequence[Text]
 
 
 def missing(what: str) -> Note:

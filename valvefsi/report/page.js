@@ -1,5 +1,6 @@
 "use strict";
-/* Draws the figures of the page when they come into view. No figure asks for anything outside this file. */
+/* Draws the figures of the page when they come into view, and again when their data change. No figure asks for anything
+   outside this file. */
 (() => {
   const LINES = ["--c0", "--c1", "--c2", "--c3", "--c4", "--c5"];
   const STILL = { displaylogo: false, responsive: true, topojsonURL: "", modeBarButtonsToRemove: ["select2d", "lasso2d"] };
@@ -53,7 +54,7 @@
     const share = (1 - gap * (panels.length - 1)) / panels.length;
     const narrow = place.clientWidth < 560;
     const layout = {
-      ...look(), height: 90 + 200 * panels.length, margin: { l: narrow ? 52 : 66, r: 12, t: 16, b: 46 },
+      ...look(), uirevision: "kept", height: 90 + 200 * panels.length, margin: { l: narrow ? 52 : 66, r: 12, t: 16, b: 46 },
       hovermode: "x unified", showlegend: true, legend: { orientation: "h", y: 1.0, yanchor: "bottom", x: 0 },
       hoverlabel: { bgcolor: colour("--panel"), font: { color: colour("--ink") } },
       xaxis: { title: { text: data.x.label }, gridcolor: colour("--grid"), zeroline: false, anchor: `y${panels.length > 1 ? panels.length : ""}` },
@@ -81,7 +82,7 @@
       }
     });
     if (narrow) layout.legend.font = { size: 11 };
-    plotly().newPlot(place, traces, layout, STILL);
+    plotly().react(place, traces, layout, STILL);
   }
 
   const CAMERAS = {
@@ -127,7 +128,7 @@
     const named = (d) => ({ ...axis, title: { text: `${"xyz"[d]} [cm]` }, range: [data.box[0][d], data.box[1][d]] });
     const layout = {
       ...look(), margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false,
-      scene: { xaxis: named(0), yaxis: named(1), zaxis: named(2), aspectmode: "data", camera: CAMERAS[state.camera] },
+      scene: { xaxis: named(0), yaxis: named(1), zaxis: named(2), aspectmode: "data", camera: state.turned || CAMERAS[state.camera] },
     };
     plotly().newPlot(place, traces, layout, STILL);
     const moving = shapes.map((shape, k) => [shape, k]).filter(([shape]) => !shape.still);
@@ -194,25 +195,30 @@
 
   /* Panels side by side over one slider. */
   function scene(place, data) {
-    const state = { field: 0, camera: "from the side", at: place.scene ? place.scene.at : 0 };
+    const state = place.scene || { field: 0, camera: "from the side", at: 0 };
+    state.at = Math.min(state.at, data.t.length - 1);
+    state.turned = place.querySelector(".js-plotly-plot")?.layout.scene?.camera; // as the reader has left it
     const panels = element("div", { className: "panels" });
     const slider = element("input", { type: "range", min: 0, max: data.t.length - 1, step: 1, value: state.at });
     const said = element("output");
     const play = element("button", { type: "button", textContent: "Play" });
     const controls = element("div", { className: "controls" });
     place.replaceChildren(panels, controls);
-    controls.append(element("label", { className: "when" }, data.clock, slider), said, play);
+    if (data.t.length > 1) controls.append(element("label", { className: "when" }, data.clock, slider), said, play);
+    else controls.append(element("span", {}, data.clock), said);
     const turned = data.panels.filter((panel) => panel.bodies);
     const names = turned.length ? turned[0].bodies.flatMap((body) => body.fields.map((field) => field.name)) : [];
     if (names.length > 1) {
       const choice = element("select");
       [...new Set(names)].forEach((name, k) => choice.append(element("option", { value: k, textContent: name })));
+      choice.value = state.field;
       choice.addEventListener("change", () => { state.field = +choice.value; views.forEach((view, k) => view.colour(data.panels[k].frames[state.at])); });
       controls.append(element("label", {}, "colour", choice));
     }
     if (turned.length) {
       const choice = element("select");
       Object.keys(CAMERAS).forEach((name) => choice.append(element("option", { value: name, textContent: name })));
+      choice.value = state.camera;
       choice.addEventListener("change", () => { state.camera = choice.value; views.forEach((view) => view.turn()); });
       controls.append(element("label", {}, "seen", choice));
     }
@@ -245,14 +251,15 @@
     if (figure.dataset.done) return;
     figure.dataset.done = "yes";
     const place = figure.querySelector(".drawing");
-    const data = JSON.parse(figure.querySelector("script").textContent);
     place.replaceChildren();
     place.classList.add("done");
     if (figure.dataset.kind === "chart") place.setAttribute("role", "img");
     else place.setAttribute("role", "group");
-    const again = () => (figure.dataset.kind === "chart" ? chart : scene)(place, data);
+    const draw = figure.dataset.kind === "chart" ? chart : scene;
+    const again = () => draw(place, JSON.parse(figure.querySelector("script").textContent));
     again();
     drawn.push(again);
+    figure.addEventListener("change", again);
   }
 
   const figures = [...document.querySelectorAll("figure.drawn")];

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from valvefsi.errors import CaseError
-from valvefsi.io.grid_files import GridFields, read_grid, times_of
+from valvefsi.io.grid_files import GridFields, is_complete, list_times, read_grid, times_of
 from valvefsi.io.solid_body import Body, outer_faces, read_body
 from valvefsi.post.plots.slice import Plane, cut, outline, scale_of
-from valvefsi.report.blocks import Block, Figure, Section, missing, packed
+from valvefsi.report.blocks import Figure, Section, missing, packed
 from valvefsi.report.geometry import solid_series
 from valvefsi.report.runs import Run
 from valvefsi.types import Array, Indices
@@ -52,19 +52,20 @@ def the_scene(run: Run, window: tuple[float, float] | None = None) -> Section:
     if found is None:
         said = "The run has no frames to show (output.frames = 0)."
         return Section(title=title, blocks=[missing(said)])
-    return Section(title=title, blocks=[_figure(found)])
+    return Section(title=title, blocks=[scene_of(found)])
 
 
-def _figure(found: Frames) -> Block:
+def scene_of(found: Frames) -> Figure:
+    """Return frames as a scene of a page."""
     scene = {"t": found.times.tolist(), "unit": "s", "clock": "time", "panels": found.panels}
     shown = len(found.times)
     thin = "" if shown == found.count else f" {shown} of {found.count} frames are shown."
-    caption = (
-        "Drag to turn or zoom, move the slider (or use the arrow keys on it) to go through time. Positions and values "
-        f"are kept in 65535 steps of their range.{thin}"
-    )
+    through = ", move the slider (or use the arrow keys on it) to go through time" if shown > 1 else ""
+    steps = "Positions and values are kept in 65535 steps of their range."
+    caption = f"Drag to turn or zoom{through}. {steps}{thin}"
     names = ", ".join(str(panel["title"]) for panel in found.panels)
-    alt = f"{names} from t = {found.times[0]:.4g} s to {found.times[-1]:.4g} s."
+    until = f"from t = {found.times[0]:.4g} s to {found.times[-1]:.4g} s"
+    alt = f"{names} {until}." if shown > 1 else f"{names} at t = {found.times[0]:.4g} s."
     return Figure(kind="scene", alt=alt, caption=caption, data=scene)
 
 
@@ -81,21 +82,61 @@ def frames_of(
     Raises:
         CaseError: A file of a frame is damaged.
     """
-    series = [path for path in solid_series(run.folder) if _has_bodies(path)]
-    fluid = run.folder / "paraview" / "fluid.pvd"
-    known = _times(series[0]) if series else _times(fluid) if fluid.is_file() else []
+    return _frames(run, {path.stem: _times(path) for path in _series(run.folder)}, window, times)
+
+
+def newest_frame(run: Run, after: float = -np.inf) -> Frames | None:
+    """Return the newest frame of a run that may be going on, None where no frame is whole.
+
+    Args:
+        run: The run.
+        after: Time of a frame that is known [s]: there is None, too, where no newer one is whole.
+
+    Raises:
+        CaseError: A file of the frame is damaged.
+    """
+    listed = {path.stem: list_times(path) for path in _newer(_series(run.folder), run.folder / "case.toml")}
+    common = set.intersection(*({t for t, _ in entries} for entries in listed.values())) if listed else set()
+    for t in sorted((t for t in common if t > after), reverse=True):
+        frame = {name: [entry for entry in entries if entry[0] == t][-1:] for name, entries in listed.items()}
+        if all(is_complete(path) for entries in frame.values() for _, path in entries):
+            return _frames(run, frame, None, None)
+    return None
+
+
+Known = Mapping[str, Sequence[tuple[float, Path]]]
+"""Times and files of each series by its name."""
+
+
+def _series(folder: Path) -> list[Path]:
+    """Return the series of bodies, of their stresses and of the fluid."""
+    return [path for path in sorted((Path(folder) / "paraview").glob("*.pvd")) if path.stem != "averages"]
+
+
+def _newer(series: Sequence[Path], case: Path) -> Sequence[Path]:
+    """Return the series that the newest start of a run has gone on with: an earlier run may have left others."""
+    start = case.stat().st_mtime if case.is_file() else 0.0
+    return [path for path in series if path.stat().st_mtime >= start] or series
+
+
+def _frames(
+    run: Run, files: Known, window: tuple[float, float] | None, times: Sequence[float] | None
+) -> Frames | None:
+    """Return the frames of a run whose files are complete."""
+    series = [path.stem for path in solid_series(run.folder) if _has_bodies(files[path.stem])]
+    known = files[series[0]] if series else files.get("fluid", ())
     if not known:
         return None
     chosen, count = _chosen(np.array([t for t, _ in known]), window, times)
     panels: list[dict[str, Any]] = []
-    bodies = {path.stem: [read_body(_times(path)[k][1]) for k in chosen] for path in series}
+    bodies = {name: [read_body(files[name][k][1]) for k in chosen] for name in series}
     room = MOST_NUMBERS // max(1, sum(4 * len(frames[0].points) for frames in bodies.values()))
     if times is None and len(chosen) > room >= 2:
         kept = np.unique(np.linspace(0, len(chosen) - 1, room).round().astype(int))
         chosen, bodies = chosen[kept], {name: [frames[k] for k in kept] for name, frames in bodies.items()}
     if bodies and any(frames[0].dim == 3 for frames in bodies.values()):
-        panels.append(_bodies_panel(run, bodies, chosen))
-    plane = _plane_panel(run, fluid, [known[k][0] for k in chosen], bodies)
+        panels.append(_bodies_panel(run, files, bodies, chosen))
+    plane = _plane_panel(files.get("fluid", ()), [known[k][0] for k in chosen], bodies)
     panels += [plane] if plane is not None else []
     for panel in panels:
         panel["frames"] = list(range(len(chosen)))
@@ -111,8 +152,8 @@ def _times(series: Path) -> list[tuple[float, Path]]:
         return []
 
 
-def _has_bodies(series: Path) -> bool:
-    return any(path.suffix == ".vtu" for _, path in _times(series)[:1])
+def _has_bodies(series: Sequence[tuple[float, Path]]) -> bool:
+    return any(path.suffix == ".vtu" for _, path in series[:1])
 
 
 def _chosen(
@@ -129,22 +170,22 @@ def _chosen(
     return inside[np.unique(picked)], len(inside)
 
 
-def _bodies_panel(run: Run, bodies: dict[str, list[Body]], chosen: Indices) -> dict[str, Any]:
+def _bodies_panel(run: Run, files: Known, bodies: dict[str, list[Body]], chosen: Indices) -> dict[str, Any]:
     """Return the panel of the bodies in space."""
-    shapes = [_moving(run, name, frames, chosen) for name, frames in bodies.items()]
+    shapes = [_moving(files, name, frames, chosen) for name, frames in bodies.items()]
     still = [_still(path) for path in sorted((run.folder / "paraview").glob("*.vtu"))]
     corners = np.concatenate([shape.pop("corners") for shape in (*shapes, *still)])
     box = [corners.min(axis=0).tolist(), corners.max(axis=0).tolist()]
     return {"title": "Bodies, " + ", ".join(bodies), "bodies": [*shapes, *still], "box": box}
 
 
-def _moving(run: Run, name: str, frames: list[Body], chosen: Indices) -> dict[str, Any]:
+def _moving(files: Known, name: str, frames: list[Body], chosen: Indices) -> dict[str, Any]:
     """Return a body that moves: the nodes of its surface at every frame, and what colours it."""
     triangles = _triangles(frames[0])
     nodes, faces = np.unique(triangles, return_inverse=True)
     points = np.stack([body.points[nodes] for body in frames])
     fields = [_field("displacement", "mm", np.stack([10.0 * _moved(body)[nodes] for body in frames]))]
-    fields += _stresses(run, name, nodes, chosen)
+    fields += _stresses(files.get(f"{name}_stress", ()), nodes, chosen)
     for field, values in ((f, v) for body in frames[:1] for f, v in body.values.items()):
         if field == "J" and np.ndim(values) == 1:
             fields.append(_field("J = det F", "-", np.stack([body.values["J"][nodes] for body in frames])))
@@ -181,10 +222,8 @@ def _field(name: str, unit: str, values: Array) -> dict[str, Any]:
     }
 
 
-def _stresses(run: Run, name: str, nodes: Indices, chosen: Indices) -> list[dict[str, Any]]:
+def _stresses(known: Sequence[tuple[float, Path]], nodes: Indices, chosen: Indices) -> list[dict[str, Any]]:
     """Return the scalars of the series of stresses at the same frames, where there is one."""
-    series = run.folder / "paraview" / f"{name}_stress.pvd"
-    known = _times(series) if series.is_file() else []
     if len(known) <= int(chosen.max()):
         return []
     bodies = [read_body(known[k][1]) for k in chosen]
@@ -248,10 +287,9 @@ def simplified(points: Array, triangles: Indices, most: int) -> tuple[Array, Ind
 
 
 def _plane_panel(
-    run: Run, fluid: Path, times: Sequence[float], bodies: dict[str, list[Body]]
+    known: Sequence[tuple[float, Path]], times: Sequence[float], bodies: dict[str, list[Body]]
 ) -> dict[str, Any] | None:
     """Return the panel of the fluid in a plane along the axis; None where frames hold no fluid."""
-    known = _times(fluid) if fluid.is_file() else []
     if not known:
         return None
     there = np.array([t for t, _ in known])

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.resources
 import importlib.util
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from valvefsi.errors import SurroundingsError
 from valvefsi.io.folder import write_text
-from valvefsi.report.blocks import Page, is_numeric
+from valvefsi.report.blocks import Page, Text, View, is_numeric
 
 NEEDED = ("jinja2", "plotly")
 LARGEST = 25_000_000
@@ -51,17 +54,51 @@ def write_page(page: Page, path: Path) -> int:
 
 def html(page: Page) -> str:
     """Return a page as HTML."""
-    from jinja2 import Environment, StrictUndefined
+    return _rendered("page.html", page=page, library=_library(_drawn(page)))
+
+
+def live_html(page: Page, view: View) -> str:
+    """Return a page on a run that goes on as HTML, whose program asks what serves it for what is new."""
+    return _rendered(
+        "page.live.html", page=page, view=view, library=_library(True), live=_text("page.live.js")
+    )
+
+
+def blocks_html(blocks: Sequence[Text]) -> str:
+    """Return tables, notes and pictures as HTML."""
+    macros: Any = _templates().get_template("page.blocks.html").module
+    return "".join(macros.text(block) for block in blocks)
+
+
+def _rendered(name: str, **more: Any) -> str:
+    return _templates().get_template(name).render(style=_text("page.css"), program=_text("page.js"), **more)
+
+
+@functools.cache
+def _templates() -> Any:
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    made = Environment(
+        autoescape=True,
+        loader=FunctionLoader(_text),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= {"shown": shown, "exact": exact}
+    made.tests["numeric"] = is_numeric
+    return made
+
+
+def _text(name: str) -> str:
+    return importlib.resources.files("valvefsi.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _library(needed: bool) -> str:
+    """Return plotly's own program where anything of a page is drawn."""
     from plotly.offline import get_plotlyjs
 
-    own = importlib.resources.files("valvefsi.report")
-    place = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    place.filters |= {"shown": shown, "exact": exact}
-    place.tests["numeric"] = is_numeric
-    template = place.from_string(own.joinpath("page.html").read_text(encoding="utf-8"))
-    style, program = (own.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
-    library = get_plotlyjs() if _drawn(page) else ""
-    return template.render(page=page, style=style, program=program, library=library)
+    return get_plotlyjs() if needed else ""
 
 
 def _drawn(page: Page) -> bool:

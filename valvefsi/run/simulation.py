@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import signal
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -18,6 +19,7 @@ from valvefsi.errors import CaseError, StabilityError, Stopped, SurroundingsErro
 from valvefsi.fsi import Model, State
 from valvefsi.grid import MacGrid
 from valvefsi.io.checkpoint import list_checkpoints
+from valvefsi.io.folder import stop_requested
 from valvefsi.post import diagnostics
 from valvefsi.run.checkpoints import load_state, memory_of, refuse_to_overwrite, save_state
 from valvefsi.run.disk import warn_of_disk
@@ -31,6 +33,9 @@ from valvefsi.types import Array, Progress
 
 LOOKS = 16
 """Times between two measurements of the stable step that a run looks whether it must come sooner."""
+
+LOOK_S = 1.0
+"""Wall-clock time between two looks for a request to stop [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +96,7 @@ class Simulation:
         self.memory = memory_of(model, output)
         self.phases: dict[str, float] = defaultdict(float)
         self.earlier = 0
+        self.look_at = 0.0
 
     def run(self, *, resume: bool = False, progress: Progress | None = None) -> Outcome:
         """Run to the end, or until something is wrong.
@@ -103,7 +109,8 @@ class Simulation:
             CaseError: There is no checkpoint to resume from, or one of an unfinished run would be overwritten.
             StabilityError: A velocity is not finite, the Courant number is too large, an element is inverted, or
                 a node is lost; the last good state has been written.
-            Stopped: SIGTERM or SIGINT arrived; a checkpoint has been written.
+            Stopped: SIGTERM or SIGINT arrived, or a request as of `valvefsi.io.folder.request_stop`, which is taken for
+                SIGINT; a checkpoint has been written.
             SurroundingsError: The disk, the folder or the memory failed; says which checkpoint there is.
 
         Note:
@@ -263,17 +270,20 @@ class Simulation:
         return row
 
     def _check(self, state: State, received: list[int], unsaved: float) -> tuple[float, int, bool]:
-        """Raise where the velocity is out of bounds; look round for signals and the clock.
+        """Raise where the velocity is out of bounds; look round for signals, a request to stop and the clock.
 
         Args:
             state: The new state.
-            received: Signals that this rank has received.
+            received: Signals that this rank has received; a request is added to rank 0's.
             unsaved: Wall-clock time since the last checkpoint [s].
 
         Returns:
             Largest ``|u| / h`` [1/s], the signal that any rank has received (or 0), whether a checkpoint is due.
         """
         every = self.output.checkpoint_wall_s
+        if self.model.grid.comm.rank == 0 and time.perf_counter() >= self.look_at:
+            self.look_at = time.perf_counter() + LOOK_S
+            received += [signal.SIGINT] * stop_requested(self.output.directory)
         local = diagnostics.local_courant_rate(self.model.grid, state.u)
         values = np.array([local, received[-1] if received else 0.0, float(0.0 < every < unsaved)])
         with self._clock("checks"):

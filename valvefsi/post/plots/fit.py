@@ -184,29 +184,17 @@ def _panel(
     upper = figure.add_subplot(inner[0])
     lower = figure.add_subplot(inner[1], sharex=upper)
     for curve, colour in zip(block.curves, LINES, strict=False):
-        step = max(len(curve.x) // 60, 1)
-        upper.plot(
-            curve.x[::step],
-            curve.data[::step],
-            "o",
-            color=colour,
-            markersize=3.2,
-            alpha=0.55,
-            markeredgewidth=0,
-        )
+        step, marks = max(len(curve.x) // 60, 1), {"markersize": 3.2, "alpha": 0.55, "markeredgewidth": 0}
+        said = f"{curve.name}, data"
+        upper.plot(curve.x[::step], curve.data[::step], "o", color=colour, label=said, **marks)
         if curve.band is not None and np.isfinite(curve.band).all():
-            upper.fill_between(
-                curve.x,
-                curve.curve - curve.band,
-                curve.curve + curve.band,
-                color=colour,
-                alpha=0.22,
-                linewidth=0,
-            )
+            low, high, said = curve.curve - curve.band, curve.curve + curve.band, f"{curve.name}, 95 % band"
+            upper.fill_between(curve.x, low, high, color=colour, alpha=0.22, linewidth=0, label=said)
         dashes = {"dashes": (4, 2)} if block.predicted else {}
-        upper.plot(curve.x, curve.curve, color=colour, linewidth=1.7, **dashes)
-        lower.plot(curve.x, curve.curve - curve.data, color=colour, linewidth=1.2)
-    lower.axhline(0, color=MUTED, linewidth=0.8)
+        upper.plot(curve.x, curve.curve, color=colour, linewidth=1.7, label=curve.name, **dashes)
+        left = curve.curve - curve.data
+        lower.plot(curve.x, left, color=colour, linewidth=1.2, label=f"{curve.name}, residual")
+    lower.axhline(0, color=MUTED, linewidth=0.8, label="zero")
     said = f"{block.title} (predicted)" if block.predicted else block.title
     upper.set_title(said, fontsize=10, loc="left", pad=4)
     spread = limits[1] - limits[0]
@@ -258,10 +246,10 @@ def _profile(axes: Axes, panel: ProfilePanel) -> None:
     else:
         axes.locator_params(axis="x", nbins=5)
     axes.axvspan(*panel.interval, color=LINES[5], alpha=0.22, linewidth=0)
-    axes.axhline(panel.threshold, color=INK, linewidth=1.0, dashes=(4, 3))
-    axes.plot(*_between(panel), color=LINES[0], linewidth=1.7)
-    axes.plot(panel.values, panel.costs, "o", color=LINES[0], markersize=3.2)
-    axes.plot(panel.best, 1.0, "D", color=LINES[1], markersize=5.5, zorder=4)
+    axes.axhline(panel.threshold, color=INK, linewidth=1.0, dashes=(4, 3), label="95 % threshold")
+    axes.plot(*_between(panel), color=LINES[0], linewidth=1.7, label="profile")
+    axes.plot(panel.values, panel.costs, "o", color=LINES[0], markersize=3.2, label="computed")
+    axes.plot(panel.best, 1.0, "D", color=LINES[1], markersize=5.5, zorder=4, label="best")
     top = 1 + 1.7 * (panel.threshold - 1)
     axes.set_ylim(1 - 0.12 * (top - 1), top)
     low, high = panel.interval

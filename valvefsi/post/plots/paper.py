@@ -11,6 +11,7 @@ import contextlib
 import csv
 from collections.abc import Iterator
 from contextvars import ContextVar
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,10 +97,51 @@ def _resize(figure: Figure) -> None:
         axes.tick_params(length=2.0, pad=2.0)
     if across == 1 and None not in specs:
         figure.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02)
-        return
-    for _ in range(3):
-        _fit(figure)
-    _break_legends(figure)
+        _narrow_legends(figure)
+    else:
+        _narrow_legends(figure)
+        for _ in range(3):
+            _fit(figure)
+        _break_legends(figure)
+    _thin_ticks(figure)
+
+
+def _narrow_legends(figure: Figure) -> None:
+    """Put legends of axes that are wider than these above them, in the columns for which there is width."""
+    legends = [(axes, legend) for axes in figure.axes if (legend := axes.get_legend()) is not None]
+    for _, legend in legends:
+        legend.set_in_layout(False)  # the width of the axes is that without them
+    figure.draw_without_rendering()
+    for axes, legend in legends:
+        width, count = axes.get_window_extent().width, len(legend.get_texts())
+        legend.set_in_layout(True)
+        if legend.get_window_extent().width <= width:
+            continue
+        how = {"labels": [text.get_text() for text in legend.get_texts()], "handles": legend.legend_handles}
+        how |= {"fontsize": legend.get_texts()[0].get_fontsize(), "frameon": False}
+        how |= {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.3}
+        made = (axes.legend(ncols=n, **how) for n in range(count, 0, -1))
+        next((one for one in made if one.get_window_extent().width <= width), None)
+
+
+def _thin_ticks(figure: Figure) -> None:
+    """Leave out every second tick along x where the numbers at them meet."""
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        while axes.axison and axes.name != "3d" and _ticks_meet(axes):
+            low, high = sorted(axes.get_xlim())
+            places = [x for x in axes.xaxis.get_majorticklocs() if low <= x <= high]
+            axes.xaxis.set_major_locator(mpl.ticker.FixedLocator(places[::2]))
+            figure.draw_without_rendering()
+
+
+def _ticks_meet(axes: Axes) -> bool:
+    """Whether numbers along x lie closer to one another than half of their height."""
+    low, high = sorted(axes.get_xlim())
+    labels = [tick.label1 for tick in axes.xaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+    boxes = [label.get_window_extent() for label in labels if label.get_visible() and label.get_text()]
+    boxes.sort(key=lambda box: float(box.x0))
+    return any(b.x0 - a.x1 < 0.5 * a.height for a, b in pairwise(boxes))
 
 
 def _break_legends(figure: Figure) -> None:
@@ -159,7 +201,8 @@ def _write_numbers(figure: Figure, path: Path, said: list[str]) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADINGS)
         for number, axes in enumerate(figure.axes):
-            named = f"{axes.get_xlabel()} | {axes.get_ylabel()}"
+            titles = [axes.get_title(loc=where) for where in ("left", "center", "right")]
+            named = " | ".join([*filter(None, titles), axes.get_xlabel(), axes.get_ylabel()])
             for kind, series, points in _numbers(axes):
                 for point in points:
                     cells = ["" if v is None else NUMBER.format(v) for v in (*point, None)[:3]]
