@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import re
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar, cast
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from mpi4py import MPI
 
 
+Made = TypeVar("Made")
 PATIENCE = 5.0
 """Longest time that a rank with an error waits for the others to come with theirs [s]."""
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
@@ -125,3 +127,28 @@ def raise_together(comm: MPI.Comm, error: Exception | None) -> None:
             raise comm.bcast(error, root=first)
     elif error is not None:
         raise error
+
+
+def made_on_root(comm: MPI.Comm, make: Callable[[], Made], remedy: str) -> Made:
+    """Return on every rank what rank 0 makes.
+
+    Args:
+        comm: Communicator of the run.
+        make: Makes it; called on rank 0 only.
+        remedy: What is kept and how to go on where disk, folder or memory fail.
+
+    Raises:
+        SurroundingsError: They did, on every rank.
+
+    Note:
+        Collective.
+    """
+    made, error = [], None
+    if comm.rank == 0:
+        try:
+            made = [make()]
+        except (OSError, MemoryError) as failure:
+            error = SurroundingsError(f"{reason_of(failure)}; {remedy}")
+    raise_together(comm, error)
+    (result,) = comm.bcast(made)
+    return cast("Made", result)

@@ -32,7 +32,7 @@ from valvefsi.case.walls import build_rigid, on_posts
 from valvefsi.case.writing import to_toml
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.transfer import Coupling
-from valvefsi.errors import CaseError, raise_together
+from valvefsi.errors import CaseError, made_on_root, raise_together
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.fsi import Model, State
 from valvefsi.geometry.mesh import SolidMesh
@@ -44,6 +44,7 @@ from valvefsi.post.diagnostics.control_volume import ControlVolume
 from valvefsi.run.checkpoints import load_state
 from valvefsi.run.energy import balance
 from valvefsi.run.forces import ForceOutput
+from valvefsi.run.pictures import ENDED
 from valvefsi.run.planning import plan
 from valvefsi.run.recording import Output, Probe
 from valvefsi.run.regridding import regridded
@@ -208,15 +209,20 @@ def run_case(
         result = {"last": last, "timing": outcome.timing(simulation.model.grid)}
         if changes:
             result["changes"] = list(changes)
-        if comm.rank == 0:
-            history = read_history(out / "history.csv")
-            if case.start is not None and case.start.run:
-                result["start"] = {"run": case.start.run, "t_s": history["t_s"][0]}
-            if case.output.energy:
-                result["energy"] = balance(history, history["t_s"][0], history["t_s"][-1])
-            result |= {"target": target_numbers(case, chosen)} if chosen is not None else {}
-            result |= report_valve(case, out)
-            write_text(out / "summary.json", json.dumps(result, indent=2) + "\n")
+        if chosen is not None:
+            result["target"] = target_numbers(case, chosen)
+        return made_on_root(comm, lambda: _summed_up(case, out, result), ENDED)
+
+
+def _summed_up(case: Case, out: Path, result: dict[str, object]) -> dict[str, object]:
+    """Return a result with the numbers of the whole run, written as its summary."""
+    history = read_history(out / "history.csv")
+    if case.start is not None and case.start.run:
+        result["start"] = {"run": case.start.run, "t_s": history["t_s"][0]}
+    if case.output.energy:
+        result["energy"] = balance(history, history["t_s"][0], history["t_s"][-1])
+    result |= report_valve(case, out)
+    write_text(out / "summary.json", json.dumps(result, indent=2) + "\n")
     return result
 
 

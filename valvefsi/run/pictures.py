@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from valvefsi.errors import made_on_root
 from valvefsi.fsi import Model, State
 from valvefsi.grid import Array, MacGrid
 from valvefsi.io.history import read_history
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from valvefsi.post.plots.base import Series
     from valvefsi.solid.structure import Structure
 
+ENDED = "the run itself has ended and is kept: --resume makes its pictures and its summary"
+"""What to do where what follows a run fails."""
 ALWAYS = {"kinetic_energy_erg": "kinetic energy [erg]", "courant": "Courant number [-]"}
 """What is drawn where a run has no solid."""
 
@@ -44,15 +47,17 @@ def draw(
     Returns:
         The last row of the history.
 
+    Raises:
+        SurroundingsError: A picture could not be written.
+
     Note:
         Collective; rank 0 draws.
     """
     solids = [(solid.cells_on_root(chi), solid.cells_on_root(solid.X)) for solid, chi in _pairs(model, state)]
     flow = _plane(model.grid, state) if model.grid.dim == 2 else None
-    last = None
-    if model.grid.comm.rank == 0:
+
+    def pictures() -> dict[str, float]:
         history = read_history(output.directory / "history.csv")
-        last = {name: values[-1] for name, values in history.items()}
         _draw_histories(output.directory / "histories.png", history, title, references)
         if output.energy:
             _draw_energy(output.directory / "energy.png", history, title)
@@ -61,7 +66,9 @@ def draw(
             _draw_flow(output.directory / "flow.png", model.grid, flow, solids, (title, caption))
         if output.lines:
             _draw_lines(output, model.grid.dim, title)
-    return model.grid.comm.bcast(last)
+        return {name: values[-1] for name, values in history.items()}
+
+    return made_on_root(model.grid.comm, pictures, ENDED)
 
 
 def _pairs(model: Model, state: State) -> list[tuple[Structure, Array]]:
