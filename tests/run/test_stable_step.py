@@ -37,7 +37,9 @@ def test_lanczos_finds_the_largest_eigenvalue_of_a_product():
     A, B = rng.standard_normal((2, 40, 40))
     K, M = A @ A.T + np.eye(40), B @ B.T
     x = rng.standard_normal(40)
-    found = _largest_mode(lambda x: K @ x, lambda x: M @ x, products_of, (x, K @ x))
+    found = _largest_mode(
+        lambda x: K @ x, lambda x: M @ x, products_of, _unit(x, lambda x: K @ x, products_of)
+    )
     assert found.value == pytest.approx(np.linalg.eigvals(M @ K).real.max(), rel=1e-3)
     rest = M @ K @ found.vector - found.value * found.vector
     assert np.sqrt(rest @ K @ rest) < 0.1 * found.value
@@ -49,11 +51,24 @@ def test_a_mode_that_has_outgrown_the_known_one_is_found():
     K, known = np.diag(values), np.eye(40)[1]
     others = np.random.default_rng(5).standard_normal(40)
     unit = _unit(known, lambda x: K @ x, products_of)
-    start = _with_others(unit, _unit(others, lambda x: K @ x, products_of))
+    start = _with_others(unit, _unit(others, lambda x: K @ x, products_of), products_of)
     options = (TRACKED_PRODUCTS, RESIDUAL)
     assert _largest_mode(lambda x: K @ x, lambda x: x, products_of, unit, *options).value < 1.0 + 1e-9
     found = _largest_mode(lambda x: K @ x, lambda x: x, products_of, start, *options)
     assert found.value == pytest.approx(2.0, rel=RESIDUAL)
+
+
+def test_where_a_compressed_solid_gives_way_a_known_mode_cannot_spoil_the_start():
+    """Two displacements with stiffness, the sum of which has none: K is not positive there."""
+    K = np.diag([1.0, -0.98])
+    known, others = (_unit(np.array([x, 10.0]), lambda x: K @ x, products_of) for x in (10.0, -10.0))
+    v, Kv = (a + 0.3 * b for a, b in zip(known, others, strict=True))
+    assert v @ Kv < 0.0
+    start = _with_others(known, others, products_of)
+    np.testing.assert_array_equal(start[0], others[0])
+    options = (TRACKED_PRODUCTS, RESIDUAL)
+    found = _largest_mode(lambda x: K @ x, lambda x: x, products_of, start, *options)
+    assert np.isfinite(found.value)
 
 
 def test_a_measurement_from_the_last_mode_is_as_good_as_one_from_nothing():

@@ -188,7 +188,7 @@ def _body_limit(
     if before is None:
         mode = _largest_mode(K, M, inner, start, products)
     else:
-        start = _with_others(_unit(before, K, inner), start)
+        start = _with_others(_unit(before, K, inner), start, inner)
         mode = _largest_mode(K, M, inner, start, TRACKED_PRODUCTS, RESIDUAL)
     return 2.0 * math.sqrt(body.reserve / mode.value) if mode.value > 0.0 else math.inf, mode
 
@@ -214,11 +214,16 @@ def _mobility(model: Model, body: SmallMotion, dt: float) -> Operator:
     return mobility
 
 
-def _with_others(known: Unit | None, others: Unit) -> Unit:
-    """Return the displacement to begin with: a mode that is known and a part of all others, which may have grown."""
+def _with_others(known: Unit | None, others: Unit, inner: Products) -> Unit:
+    """Return the displacement to begin with: a mode that is known and a part of all others, which may have grown.
+
+    Where a solid that is compressed gives way, their sum can have no stiffness: then the others alone.
+    """
     if known is None:
         return others
-    return known[0] + OTHERS * others[0], known[1] + OTHERS * others[1]
+    v, Kv = (a + OTHERS * b for a, b in zip(known, others, strict=True))
+    (square,) = inner(v, [Kv])
+    return (v / math.sqrt(square), Kv / math.sqrt(square)) if square > 0.0 else others
 
 
 def _unit(v: Array, K: Operator, inner: Products) -> Unit | None:
@@ -253,8 +258,6 @@ def _largest_mode(
     """
     V, KV = [start[0]], [start[1]]
     T, value, shares, rest = np.zeros((products, products)), 0.0, np.ones(1), math.inf
-    (square,) = inner(V[0], KV)
-    V[0], KV[0] = V[0] / math.sqrt(square), KV[0] / math.sqrt(square)
     for n in range(1, products + 1):
         w = M(KV[-1])
         parts = inner(w, KV)
