@@ -45,6 +45,7 @@ WITH_FIBRES = [
     HOLZAPFEL_OGDEN,
     MayNewmanYin(c0=5.0, c1=0.8, c2=3.0, fibre=40.0),
     FUNG,
+    HGO(c10=3.0, c01=0.8, families=[FibreFamily(k1=4.0, k2=1.5, kappa=0.1, lam_max=1.04, fibre=25.0)]),
 ]
 MATERIAL_LIST = ISOTROPIC + WITH_FIBRES
 ENERGIES = MATERIAL_LIST + VOLUMETRIC

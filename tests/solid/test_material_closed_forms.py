@@ -59,7 +59,9 @@ def planar_closed_form(material, l1, l2):
         for f in material.families:
             I4, dyad = fibre_stretch(f.fibre)
             E = f.kappa * I1 + (1 - 3 * f.kappa) * max(I4, 1) - 1
-            slope = f.k1 * E * np.exp(f.k2 * E**2)
+            straight = min(E, f.lam_max**2 - 1) if f.lam_max else E
+            growth = np.exp(f.k2 * straight**2)
+            slope = f.k1 * growth * (straight + (1 + 2 * f.k2 * straight**2) * (E - straight))
             stress = stress + 2 * slope * f.kappa * (squares - l3**2)
             if I4 > 1:
                 stress = stress + 2 * slope * (1 - 3 * f.kappa) * dyad

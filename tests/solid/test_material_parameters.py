@@ -57,6 +57,12 @@ NAN, INFINITY = float("nan"), float("inf")
     ("kind", "values", "message"),
     [
         (NeoHookean, {"c1": -1.0}, "c1 = -1.0: expected a number above 0"),
+        (FibreFamily, {"k1": 1.0, "k2": 1.0, "fibre": 0.0, "lam_max": 0.9}, "lam_max = 0.9: expected 0 or a"),
+        (
+            FibreFamily,
+            {"k1": 1.0, "k2": 50.0, "fibre": 0.0, "lam_max": 9.0},
+            "lam_max = 9.0: the stress grows",
+        ),
         (NeoHookean, {"c1": 0.0}, "c1 = 0.0"),
         (NeoHookean, {"c1": NAN}, "c1 = nan: expected a finite number"),
         (NeoHookean, {"c1": "80"}, "c1 = '80': expected a finite number"),

@@ -36,8 +36,13 @@ class HgoLoop:
         linear = solid.mesh.mesh.basix_cell().name == "tetrahedron" and solid.discretisation.degree == 1
         material = solid.material
         fits = linear and solid.volumetric.form == "log" and solid.comm.size == 1
-        if not fits or not isinstance(material, HGO) or material.width != 0:
-            message = 'the loop is for linear tetrahedra of "hgo" with "log" on one rank'
+        if (
+            not fits
+            or not isinstance(material, HGO)
+            or material.width
+            or any(f.lam_max for f in material.families)
+        ):
+            message = 'the loop is for linear tetrahedra of "hgo" without width and lam_max, with "log", on one rank'
             raise CaseError(message, key="solid", value=solid.name)
         self.cells = np.ascontiguousarray(solid.space.dofmap.list)
         points = solid.mesh.mesh.geometry.x[compat.geometry_nodes(solid.mesh.mesh)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,10 @@ if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
     from valvefsi.solid.materials.kinematics import Kinematics
+
+
+STIFFEST = 100.0
+"""Largest exponent of fibres that may still become straight."""
 
 
 def in_tension(stretch_squared: Expr, width: float = 0.0) -> Expr:
@@ -37,6 +42,8 @@ class FibreFamily:
         k1: Modulus [dyn/cm^2].
         k2: Exponent [-].
         kappa: Dispersion, 0 for aligned fibres, 1/3 for isotropic ones [-].
+        lam_max: Stretch at which the fibres are straight (Weiss et al. 1996): the stress grows exponentially with
+            the strain up to E_f = lam_max^2 - 1 and linearly beyond; 0 for exponentially without end [-].
         fibre: Mean direction: name of a fibre field, angle to the x axis [deg], or vector.
     """
 
@@ -45,10 +52,30 @@ class FibreFamily:
     kappa: float = parameter(
         "1", maximum=1 / 3, default=0.0, about="dispersion, 0 (aligned) to 1/3 (isotropic)"
     )
+    lam_max: float = parameter(
+        "1", default=0.0, about="stretch of straight fibres, linear beyond; 0 for none"
+    )
     fibre: str | float | tuple[float, ...] = direction(about="mean direction")
 
     def __post_init__(self) -> None:
         check_parameters(self)
+        if 0 < self.lam_max <= 1:
+            raise CaseError("expected 0 or a stretch above 1", key="lam_max", value=self.lam_max)
+        if self.lam_max and self.k2 * (self.lam_max**2 - 1) ** 2 > STIFFEST:
+            message = f"the stress grows to more than exp({STIFFEST:g}) times that of its first slope; expected less"
+            raise CaseError(message, key="lam_max", value=self.lam_max)
+
+    def energy(self, E: Expr) -> Expr:
+        """Return k1/(2 k2) (exp[k2 E^2] - 1) of the strain E, and its parabola beyond straight fibres [dyn/cm^2]."""
+        W = self.k1 / (2 * self.k2) * (ufl.exp(self.k2 * E**2) - 1)
+        if self.lam_max == 0:
+            return W
+        straight = self.lam_max**2 - 1
+        growth = math.exp(self.k2 * straight**2)
+        stress, modulus = self.k1 * straight * growth, self.k1 * (1 + 2 * self.k2 * straight**2) * growth
+        beyond = E - straight
+        parabola = self.k1 / (2 * self.k2) * (growth - 1) + stress * beyond + modulus / 2 * beyond**2
+        return ufl.conditional(ufl.gt(E, straight), parabola, W)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +85,7 @@ class HGO:
         W = c10 {exp[c01 (I1bar - 3)] - 1} + sum_f k1/(2 k2) (exp[k2 E_f^2] - 1),
         E_f = <kappa I1bar + (1 - 3 kappa) I4bar* - 1>_+,    I4bar* = max(I4bar, 1)
 
+    A family with ``lam_max`` continues as a parabola from E_f = lam_max^2 - 1, its stress and tangent continuous.
     The bracket needs no cut of its own: I1bar >= 3 and I4bar* >= 1 keep it from being negative. With
     dispersion (kappa > 0) the published form's stress jumps where I4bar crosses 1 away from F = I.
 
@@ -93,7 +121,7 @@ class HGO:
         for family in self.families:
             stretch = in_tension(kinematics.I4_bar(family.fibre), self.width)
             E = family.kappa * (kinematics.I1_bar - 3) + (1 - 3 * family.kappa) * (stretch - 1)
-            W += family.k1 / (2 * family.k2) * (ufl.exp(family.k2 * E**2) - 1)
+            W += family.energy(E)
         return W
 
 
