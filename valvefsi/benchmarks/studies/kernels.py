@@ -7,10 +7,12 @@ table follow rules: at which ratios a kernel stays within a factor of the best e
 from __future__ import annotations
 
 import csv
+import math
 from collections import defaultdict
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -92,66 +94,49 @@ def rules(
         factor: Largest multiple that a recommended ratio may have on any problem.
         free: Problems that no stabilisation acts on; they count for both kinds.
     """
-    best = _best(lines, floors)
-    names = dict.fromkeys((line["kernel"], line["coupling"]) for line in lines)
-    kinds = sorted({line["stabilised"] for line in lines if line["problem"] not in free}, reverse=True)
-
-    def matches(line: Record, kernel: str, coupling: str, kind: bool) -> bool:
-        same = (line["kernel"], line["coupling"]) == (kernel, coupling)
-        return same and (line["stabilised"] == kind or line["problem"] in free)
-
-    table = [
-        _rule(kernel, coupling, kind, [r for r in lines if matches(r, kernel, coupling, kind)], best, factor)
-        for kernel, coupling in names
-        for kind in kinds or [False]
-    ]
-    return sorted(table, key=lambda rule: (rule.multiple is None, rule.multiple))
-
-
-def _best(lines: Sequence[Record], floors: Mapping[str, float]) -> dict[str, float]:
     best = {}
     for problem, floor in floors.items():
         errors = [abs(r["error_percent"]) for r in lines if r["problem"] == problem and sound(r)]
         best[problem] = max(floor, min(errors, default=floor))
-    return best
+    kinds = sorted({line["stabilised"] for line in lines if line["problem"] not in free}, reverse=True)
+    table = []
+    for kernel, coupling in dict.fromkeys((line["kernel"], line["coupling"]) for line in lines):
+        both = [line for line in lines if (line["kernel"], line["coupling"]) == (kernel, coupling)]
+        for kind in kinds or [False]:
+            own = [line for line in both if line["stabilised"] == kind or line["problem"] in free]
+            name = {"kernel": kernel, "coupling": coupling, "stabilised": kind}
+            table.append(Rule(**name, **_verdict(own, best, factor)))
+    return sorted(table, key=lambda rule: (rule.multiple is None, rule.multiple))
 
 
-def _rule(
-    kernel: str,
-    coupling: str,
-    kind: bool,
-    lines: Sequence[Record],
-    best: Mapping[str, float],
-    factor: float,
-) -> Rule:
-    multiples, fits = {}, {line["problem"]: () for line in lines}
-    for ratio in dict.fromkeys(line["ratio"] for line in lines):
-        here = [line for line in lines if line["ratio"] == ratio]
-        errors = {r["problem"]: abs(r["error_percent"]) / best[r["problem"]] for r in here if sound(r)}
-        if len(errors) == len(here):
-            multiples[ratio] = max(errors.values())
-        fits |= {name: (*fits[name], ratio) for name, multiple in errors.items() if multiple <= factor}
-    top = min(multiples, key=lambda ratio: multiples[ratio], default=None)
-    here = [line for line in lines if line["ratio"] == top]
-    return Rule(
-        kernel=kernel,
-        coupling=coupling,
-        stabilised=kind,
-        ratios=tuple(ratio for ratio, multiple in multiples.items() if multiple <= factor),
-        fits=fits,
-        best=top,
-        multiple=multiples.get(top),
-        errors={line["problem"]: abs(line["error_percent"]) for line in here},
-        change=max((line["change_percent"] for line in here), default=None),
-        why="" if multiples else _why(lines),
+def _verdict(lines: Sequence[Record], best: Mapping[str, float], factor: float) -> dict[str, Any]:
+    """Return what the runs of one choice say, as the attributes of a rule."""
+    fits: dict[str, tuple[float, ...]] = {line["problem"]: () for line in lines}
+    largest = dict.fromkeys((line["ratio"] for line in lines), 0.0)  # infinite where a run is not sound
+    for line in lines:
+        name, ratio = line["problem"], line["ratio"]
+        multiple = abs(line["error_percent"]) / best[name] if sound(line) else math.inf
+        largest[ratio] = max(largest[ratio], multiple)
+        fits[name] += (ratio,) * (multiple <= factor)
+    top = min(
+        (ratio for ratio in largest if largest[ratio] < math.inf), key=lambda r: largest[r], default=None
     )
+    here = [line for line in lines if line["ratio"] == top]
+    return {
+        "ratios": tuple(ratio for ratio, multiple in largest.items() if multiple <= factor),
+        "fits": fits,
+        "best": top,
+        "multiple": largest.get(top),
+        "errors": {line["problem"]: abs(line["error_percent"]) for line in here},
+        "change": max((line["change_percent"] for line in here), default=None),
+        "why": _why(lines) if top is None else "",
+    }
 
 
 def _why(lines: Sequence[Record]) -> str:
-    broken = sorted({line["problem"] for line in lines if line["failed"] is not None})
-    leaking = sorted({line["problem"] for line in lines if line["leaks"]})
-    parts = [f"{word} {', '.join(names)}" for word, names in (("breaks down:", broken), ("leaks:", leaking))]
-    return "; ".join(part for part, names in zip(parts, (broken, leaking), strict=True) if names)
+    broken, leaking = ([r for r in lines if r["failed"] is not None], [r for r in lines if r["leaks"]])
+    parts = (("breaks down:", broken), ("leaks:", leaking))
+    return "; ".join(f"{word} {', '.join(sorted({r['problem'] for r in bad}))}" for word, bad in parts if bad)
 
 
 SHORT = {"piecewise_linear": "PWL"}
@@ -298,16 +283,11 @@ class Kernels(Benchmark[One, dict[str, float]]):
 
     def draw(self, records: Sequence[Record], reference: dict[str, float], out: Path) -> None:
         lines = self.lines(records, reference)
-        write_table(out / "kernels.csv", lines)
+        with replacing(out / "kernels.csv") as path, path.open("w", newline="") as file:
+            table = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
+            table.writeheader()
+            table.writerows(lines)
         _draw(self, lines, out / "kernels.png")
-
-
-def write_table(path: Path, lines: Sequence[Record]) -> None:
-    """Write the lines as CSV; numbers keep all their digits, what is not known is empty."""
-    with replacing(path) as temporary, temporary.open("w", newline="") as file:
-        table = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
-        table.writeheader()
-        table.writerows(lines)
 
 
 def _table(table: Sequence[Rule], lines: Sequence[Record], factor: float) -> list[Row]:
