@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,10 +13,7 @@ import numpy as np
 import scipy.fft
 from mpi4py import MPI
 
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
-from valvefsi.benchmarks.options import option
-from valvefsi.benchmarks.results import Row, row
-from valvefsi.coupling.kernels import KERNELS
+from valvefsi.benchmarks.frame import Job
 from valvefsi.errors import CaseError, StabilityError
 from valvefsi.fsi import Model, State
 from valvefsi.grid import MacGrid
@@ -260,72 +256,3 @@ class Sights:
                 grid.lower[d] + np.concatenate([[0.0], np.cumsum(grid.cell_widths[d])]) for d in range(2)
             ]
             self.snapshots.append(Snapshot(state.t, edges, whole_of(grid, own, grid.cells[:2]), outlines))
-
-
-REFINEMENT = 1.5
-"""Ratio of successive grids of a `Flexible` benchmark."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Flexible(Benchmark[int, None]):
-    """A flow past a flexible body, on one grid or on several, each 1.5 times as fine as the one before."""
-
-    resumable = True
-
-    cells: int
-    t_end: float | None = option(None, "End of the run [s], as --set t_end.", between=(0.0, math.inf))
-    refine: int = option(0, "Number of finer grids, each 1.5 times as fine.", least=0, most=4)
-    kernel: str = option("bspline3", "Kernel of the coupling.", choices=tuple(KERNELS))
-
-    @abstractmethod
-    def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Sights, Record]:
-        """Return the simulation on one grid, what is kept for its pictures, what its record says of it (collective)."""
-
-    @abstractmethod
-    def read_off(self, h: History) -> Record:
-        """Return what a history says: ``quantities``, and more."""
-
-    @abstractmethod
-    def lines(self, r: Record) -> list[Row]:
-        """Return the lines of a run in the table."""
-
-    @abstractmethod
-    def pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[dict[str, Any]]) -> None:
-        """Draw a run (on rank 0)."""
-
-    def runs(self) -> list[int]:
-        """Return the cells of the grids."""
-        return refined(self.cells, self.refine, REFINEMENT)
-
-    def place(self, run: int, out: Path) -> Path:
-        """Return the folder of a grid."""
-        return out / f"N{run}"
-
-    def one(self, run: int, job: Job) -> Record:
-        """Run one grid (collective)."""
-        begin = time.perf_counter()
-        simulation, sights, record = self.simulation(run, job.folder, job.comm)
-        end, model = attempt(simulation, job), simulation.model
-        if job.comm.rank == 0:
-            self.pictures(run, job.folder, end.history, [vars(s) for s in sights.snapshots])
-        record = {"cells": run, "grid": list(model.grid.cells[:2]), "dt": simulation.schedule.dt} | record
-        record |= {"nodes": model.bodies[0].num_points, "steps": int(end.history["step"][-1])}
-        record |= {"failed": end.failed, "step_ms": 1e3 * (time.perf_counter() - begin) / max(1, end.steps)}
-        return record | self.read_off(end.history)
-
-    def report(self, records: Sequence[Record], reference: None) -> Report:
-        """Return what the grids say; the references are left to the benchmark."""
-        return Report(
-            parameters=self.values | {"kernel": self.kernel},
-            quantities={r["cells"]: r["quantities"] for r in records},
-            more={"runs": [public(r) for r in records]},
-            table=[line for r in records for line in (*self._broken(r), *self.lines(r))],
-        )
-
-    def _broken(self, r: Record) -> list[Row]:
-        return [row(self.label(r["cells"]), "broke down", source=r["failed"][:90])] if r["failed"] else []
-
-
-def cost(r: Record) -> str:
-    """Return step and size of a run of a `Flexible` benchmark in words."""
-    return f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"

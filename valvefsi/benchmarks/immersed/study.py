@@ -1,8 +1,9 @@
-"""A grid study of an immersed problem, stabilised and not: how it is coupled, runs, table, observed order, picture."""
+"""What immersed benchmarks share: their coupling, grid studies (stabilised and not), flows past flexible bodies."""
 
 from __future__ import annotations
 
 import math
+import time
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -11,10 +12,10 @@ from typing import Any, ClassVar
 
 from mpi4py import MPI
 
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
 from valvefsi.benchmarks.options import Values, option
 from valvefsi.benchmarks.results import Row, order_row, row
-from valvefsi.benchmarks.running import History, attempt, fixed_steps, late_mean, late_size
+from valvefsi.benchmarks.running import History, Sights, attempt, fixed_steps, late_mean, late_size
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.kernels import KERNELS
@@ -322,3 +323,68 @@ def _over_grids(records: Sequence[Record], key: str) -> list[Line]:
         if series:
             lines.append(Line(label=text, x=x, y=y, colour=colour, style="o-" if kind else "s--"))
     return lines
+
+
+REFINEMENT = 1.5
+"""Ratio of successive grids of a `Flexible` benchmark."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flexible(Benchmark[int, None]):
+    """A flow past a flexible body, on one grid or on several, each 1.5 times as fine as the one before."""
+
+    resumable = True
+
+    cells: int
+    t_end: float | None = option(None, "End of the run [s], as --set t_end.", between=(0.0, math.inf))
+    refine: int = option(0, "Number of finer grids, each 1.5 times as fine.", least=0, most=4)
+    kernel: str = option("bspline3", "Kernel of the coupling.", choices=tuple(KERNELS))
+
+    @abstractmethod
+    def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Sights, Record]:
+        """Return the simulation on one grid, what is kept for its pictures, what its record says of it (collective)."""
+
+    @abstractmethod
+    def read_off(self, h: History) -> Record:
+        """Return what a history says: ``quantities``, and more."""
+
+    @abstractmethod
+    def lines(self, r: Record) -> list[Row]:
+        """Return the lines of a run in the table."""
+
+    @abstractmethod
+    def pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[dict[str, Any]]) -> None:
+        """Draw a run (on rank 0)."""
+
+    def runs(self) -> list[int]:
+        return refined(self.cells, self.refine, REFINEMENT)
+
+    def place(self, run: int, out: Path) -> Path:
+        return out / f"N{run}"
+
+    def one(self, run: int, job: Job) -> Record:
+        begin = time.perf_counter()
+        simulation, sights, record = self.simulation(run, job.folder, job.comm)
+        end, model = attempt(simulation, job), simulation.model
+        if job.comm.rank == 0:
+            self.pictures(run, job.folder, end.history, [vars(s) for s in sights.snapshots])
+        record = {"cells": run, "grid": list(model.grid.cells[:2]), "dt": simulation.schedule.dt} | record
+        record |= {"nodes": model.bodies[0].num_points, "steps": int(end.history["step"][-1])}
+        record |= {"failed": end.failed, "step_ms": 1e3 * (time.perf_counter() - begin) / max(1, end.steps)}
+        return record | self.read_off(end.history)
+
+    def report(self, records: Sequence[Record], reference: None) -> Report:
+        return Report(
+            parameters=self.values | {"kernel": self.kernel},
+            quantities={r["cells"]: r["quantities"] for r in records},
+            more={"runs": [public(r) for r in records]},
+            table=[line for r in records for line in (*self._broken(r), *self.lines(r))],
+        )
+
+    def _broken(self, r: Record) -> list[Row]:
+        return [row(self.label(r["cells"]), "broke down", source=r["failed"][:90])] if r["failed"] else []
+
+
+def cost(r: Record) -> str:
+    """Return step and size of a run of a `Flexible` benchmark in words."""
+    return f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"

@@ -34,14 +34,13 @@ from mpi4py import MPI
 from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Record, Report
+from valvefsi.benchmarks.immersed.study import Flexible, cost
 from valvefsi.benchmarks.options import Values, changed, option, quantities, read_parameters, require
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import (
     Columns,
-    Flexible,
     History,
     Sights,
-    cost,
     fixed_steps,
     gathered,
     off_one,

@@ -17,7 +17,7 @@ from typing import Any
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
-from valvefsi.benchmarks.immersed.study import COUPLINGS, STATES, Numerics
+from valvefsi.benchmarks.immersed.study import COUPLINGS, KINDS, STATES, Numerics
 from valvefsi.benchmarks.options import Values, option, read_parameters
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.studies.kernel_problems import PROBLEMS, StudyProblem, run_halving
@@ -55,24 +55,6 @@ class Rule:
     errors: Mapping[str, float]
     change: float | None
     why: str = ""
-
-    @property
-    def name(self) -> str:
-        """Kernel, coupling and stabilisation."""
-        return f"{self.kernel}, {self.coupling}, {'stabilised' if self.stabilised else 'not stabilised'}"
-
-    @property
-    def span(self) -> str:
-        """The ratios in words."""
-        return ", ".join(f"{ratio:g}" for ratio in self.ratios)
-
-    @property
-    def text(self) -> str:
-        """The best ratio and the errors there, or why there is none."""
-        if self.best is None:
-            return self.why
-        errors = ", ".join(f"{problem} {error:.2g} %" for problem, error in self.errors.items())
-        return f"best {self.best:g}: {errors}"
 
 
 def sound(line: Record) -> bool:
@@ -292,16 +274,18 @@ class Kernels(Benchmark[One, dict[str, float]]):
 
 def _table(table: Sequence[Rule], lines: Sequence[Record], factor: float) -> list[Row]:
     """Return what is printed: the rule of each choice, then how many runs broke down or leaked."""
+    rows = [row("mesh over grid that fits", "", source=f"no leak, error within {factor:g} times the best")]
+    for rule in table:
+        name = f"{rule.kernel}, {rule.coupling}, {KINDS[rule.stabilised]}"
+        errors = ", ".join(f"{problem} {error:.2g} %" for problem, error in rule.errors.items())
+        text = rule.why if rule.best is None else f"best {rule.best:g}: {errors}"
+        rows.append(row(name, ", ".join(f"{ratio:g}" for ratio in rule.ratios) or "none", source=text))
     counts = {
         "broke down": sum(line["failed"] is not None for line in lines),
         "leak": sum(bool(line["leaks"]) for line in lines),
-        "sound": sum(sound(line) for line in lines),
+        "sound": sum(map(sound, lines)),
     }
-    return [
-        row("mesh over grid that fits", "", source=f"no leak, error within {factor:g} times the best"),
-        *(row(rule.name, rule.span or "none", source=rule.text) for rule in table),
-        *(row(f"runs, {word}", n, source=f"of {len(lines)}") for word, n in counts.items()),
-    ]
+    return rows + [row(f"runs, {word}", n, source=f"of {len(lines)}") for word, n in counts.items()]
 
 
 def _draw(study: Kernels, lines: Sequence[Record], path: Path) -> None:
@@ -313,7 +297,7 @@ def _draw(study: Kernels, lines: Sequence[Record], path: Path) -> None:
             [by_choice[problem.name, kind, coupling, kernel, ratio] for ratio in study.ratios]
             for kernel in study.kernels
         ]
-        state = "" if not problem.stabilised else "stabilised: " if kind else "not stabilised: "
+        state = f"{KINDS[kind]}: " if problem.stabilised else ""
         return HeatMap(
             title=problem.title,
             values=[[r[key] for r in line] for line in cells],
@@ -322,14 +306,15 @@ def _draw(study: Kernels, lines: Sequence[Record], path: Path) -> None:
             limits=LIMITS[key],
         )
 
-    def change_of(problem: StudyProblem) -> str:
-        return "change_percent" if problem.stabilised else "u_max_cm_s"
-
     panels = {
         f"{coupling}: {word}": [
-            heat_map(problem, kind, coupling, key or change_of(problem)) for problem, kind in columns
+            heat_map(problem, kind, coupling, own if problem.stabilised else other)
+            for problem, kind in columns
         ]
-        for word, key in (("error", "error_percent"), ("change of area, spurious velocity", None))
+        for word, own, other in (
+            ("error", "error_percent", "error_percent"),
+            ("change of area, spurious velocity", "change_percent", "u_max_cm_s"),
+        )
         for coupling in study.couplings
     }
     heat_maps(path, panels, rows=[SHORT.get(k, k) for k in study.kernels], columns=study.ratios)
