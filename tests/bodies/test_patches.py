@@ -7,11 +7,12 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi import fsi
-from valvefsi.benchmarks.flows.tube import Tube, build, start_up
+from valvefsi.benchmarks.flows.tube import Tube, build
 from valvefsi.bodies.patches import Patches
 from valvefsi.geometry.aortic_section import AorticSection
 from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.io.history import read_history
+from valvefsi.verification.closed_forms import start_up
 
 WORLD = MPI.COMM_WORLD
 SECTION = AorticSection(inlet_radius=0.8, outlet_radius=0.9, sinus_height=1.0, sinus_depth=0.3, annulus=0.3)

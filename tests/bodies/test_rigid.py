@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.bodies.patches import PatchedSurface
-from valvefsi.bodies.rigid import RigidSurface
+from valvefsi.bodies.rigid import RigidSurface, explicit_springs
 from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import StabilityError
@@ -186,3 +186,11 @@ def test_half_a_spacing_from_a_side_a_composite_kernel_meets_nothing_beyond_it()
 def test_springs_that_cannot_hold_are_refused(stiffness, damping, slip):
     with pytest.raises(ValueError, match="expected stiffness > 0, damping >= 0 and slip >= 0"):
         one_point(stiffness=stiffness, damping=damping, slip=slip)
+
+
+@pytest.mark.parametrize(("kernel", "squares"), [("piecewise_linear", 1.0), ("ib4", 3.0 / 8.0)])
+def test_springs_of_a_surface_are_a_part_of_what_the_fluid_its_kernel_moves_bears(kernel, squares):
+    """A damper on every point of a plane stops rho h / sum of squares per area, its worst shift, within a step."""
+    held = explicit_springs(kernel, 0.1, 1e-3, 0.5, rho=2.0)
+    assert held["damping"] == pytest.approx(0.5 * 2.0 * 0.1 / squares / 1e-3)
+    assert held["stiffness"] == pytest.approx(0.5 * 2.0 * 0.1 / squares / 1e-6)

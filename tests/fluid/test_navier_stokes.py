@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from tests.ordering import assert_order
 from valvefsi.fluid.boundary import Boundary, Wall
-from valvefsi.fluid.navier_stokes import NavierStokes
+from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes, stable_fluid
 from valvefsi.grid import MacGrid
 
 PI = np.pi
@@ -230,3 +230,12 @@ def test_divergence_is_round_off_after_a_step_for_every_pair_of_sides(periodic, 
 def test_the_answer_does_not_depend_on_the_number_of_ranks(comm):
     alone = run_vortex(3, 12, MPI.COMM_SELF)
     assert abs(alone - run_vortex(3, 12, comm)) < 1e-13
+
+
+@pytest.mark.parametrize(("part", "kind"), [(0.49, ExplicitViscosity), (0.51, NavierStokes)])
+def test_viscosity_is_explicit_up_to_half_of_the_step_that_it_allows(comm, part, kind):
+    grid = MacGrid([0.0, 0.0], [1.0, 2.0], [10, 10], [True, True], comm)
+    limit = 1.3 / (0.2 * (4.0 / 0.1**2 + 4.0 / 0.2**2))
+    fluid = stable_fluid(grid, Boundary(grid), part * limit, rho=1.3, mu=0.2, advection="xsppm7")
+    assert type(fluid) is kind
+    assert fluid.rho == 1.3

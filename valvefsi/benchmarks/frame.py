@@ -13,7 +13,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
@@ -44,18 +44,20 @@ all done. Makes what shows the run."""
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """Where one run happens.
+    """Where one run happens, or all of a command.
 
     Attributes:
         folder: Folder of its files, not made yet.
         comm: Communicator.
         progress: Called after every step; may be left out.
+        announce: Makes what shows each run of a command; may be left out.
         resume: Whether to go on from a checkpoint in the folder.
     """
 
     folder: Path
     comm: MPI.Comm
     progress: Progress | None = None
+    announce: Announce | None = None
     resume: bool = False
 
     def show(self, step: int, t: float, t_end: float, **info: Any) -> None:
@@ -85,16 +87,6 @@ class Report:
     timing: Mapping[str, Any] = field(default_factory=dict)
     more: Mapping[str, Any] = field(default_factory=dict)
     draw: Callable[[Path], None] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Session:
-    """One call of a command, see `Command.run`."""
-
-    out: Path
-    comm: MPI.Comm
-    announce: Announce | None
-    resume: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,13 +137,13 @@ class Command(ABC):
             CaseError: Something cannot be used.
         """
         keep_freed_memory()
-        return self.execute(Session(out=Path(out), comm=comm, announce=progress, resume=resume))
+        return self.execute(Job(folder=Path(out), comm=comm, announce=progress, resume=resume))
 
     @abstractmethod
-    def execute(self, session: Session) -> Result:
+    def execute(self, session: Job) -> Result:
         """Run everything and write it down, see `run` (collective)."""
 
-    def written(self, report: Report, session: Session) -> Result:
+    def written(self, report: Report, session: Job) -> Result:
         """Write ``result.json`` and return what it holds (collective)."""
         result = {
             "benchmark": self.name,
@@ -163,7 +155,7 @@ class Command(ABC):
             "timing": dict(report.timing),
             "environment": environment(session.comm),
         }
-        write_result(session.out, result, session.comm)
+        write_result(session.folder, result, session.comm)
         return result
 
 
@@ -238,7 +230,7 @@ class Benchmark(Command, Generic[R, K]):
         """Return kinds that a run belongs to and that take about as long, the narrowest first; none: no forecast."""
         return ()
 
-    def execute(self, session: Session) -> Result:
+    def execute(self, session: Job) -> Result:
         """Run the series, see `Command.run`."""
         runs, forecast, comm = self.runs(), Forecast(self), session.comm
         reference = self.references(comm)
@@ -248,7 +240,7 @@ class Benchmark(Command, Generic[R, K]):
         for k, one in enumerate(runs):
             progress = announce(self.label(one), k, len(runs), forecast.left(runs[k:]))
             job = Job(
-                folder=self.place(one, session.out), comm=comm, progress=progress, resume=session.resume
+                folder=self.place(one, session.folder), comm=comm, progress=progress, resume=session.resume
             )
             records.append(self._record(one, job))
             forecast.add(one, records[-1]["wall_s"])
@@ -258,13 +250,13 @@ class Benchmark(Command, Generic[R, K]):
             result = self.written(replace(report, timing=whole | dict(report.timing)), session)
         announce("", len(runs), len(runs), 0.0)
         if comm.rank == 0:
-            self.draw(records, reference, session.out)
+            self.draw(records, reference, session.folder)
         comm.barrier()
         return result
 
     def _record(self, run: R, job: Job) -> Record:
         """Return the record of a run, that of its folder where it is kept (collective)."""
-        question = {"benchmark": self.name, "run": _plain_run(run), "values": self.values_of(run)}
+        question = {"benchmark": self.name, "run": run, "values": self.values_of(run)}
         entry = job.comm.bcast(
             _record_of(job.folder, question) if self.keeps and job.comm.rank == 0 else None
         )
@@ -346,10 +338,6 @@ class Forecast:
         return total
 
 
-def _plain_run(run: Any) -> Any:
-    return asdict(run) if is_dataclass(run) and not isinstance(run, type) else run
-
-
 def _record_of(folder: Path, question: Mapping[str, Any]) -> Record | None:
     """Return the record of a finished run of the same numbers."""
     try:
@@ -358,39 +346,3 @@ def _record_of(folder: Path, question: Mapping[str, Any]) -> Record | None:
         return None
     same = isinstance(entry, dict) and entry.get("asked") == json.loads(json.dumps(question, default=plain))
     return dict(entry["record"]) if same else None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Joined(Command):
-    """Several benchmarks that make one command, each in a folder of its own; their tables are put together."""
-
-    @abstractmethod
-    def members(self) -> Mapping[str, Command]:
-        """Return the benchmarks by the name of their folder."""
-
-    def title(self, part: str) -> str:
-        """Return what stands before the lines of a part."""
-        return part
-
-    def parameters_of(self, results: Mapping[str, Result]) -> dict[str, Any]:
-        """Return what was run, by part."""
-        return {part: result["parameters"] for part, result in results.items()}
-
-    def execute(self, session: Session) -> Result:
-        """Run all of them, see `Command.run`."""
-        results = {
-            part: one.run(out=session.out / part, comm=session.comm, progress=session.announce)
-            for part, one in self.members().items()
-        }
-        report = Report(
-            parameters=self.parameters_of(results),
-            quantities={part: result["quantities"] for part, result in results.items()},
-            reference={part: result["reference"] for part, result in results.items()},
-            table=[
-                {**line, "quantity": line["quantity"] and f"{self.title(part)}: {line['quantity']}"}
-                for part, result in results.items()
-                for line in result["table"]
-            ],
-            timing={"wall_s": sum(result["timing"]["wall_s"] for result in results.values())},
-        )
-        return self.written(report, session)

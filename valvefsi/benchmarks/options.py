@@ -138,12 +138,22 @@ def read_parameters(parameters: Parameters, overrides: Sequence[str]) -> Values:
 
 def read_quantities(parameters: Parameters, overrides: Sequence[str]) -> Values:
     """As `read_parameters`, for numbers of any sign."""
+    from pydantic_core import PydanticCustomError
+
     values = defaults(parameters)
     for key, text in map(split_override, overrides):
         if key not in parameters:
             near = nearest(key, list(parameters))
             raise CaseError(f"unknown parameter{near}", file="--set", key=key, value=text)
-        values[key] = _parse(key, text, parameters[key][1])
+        if isinstance(expected := parameters[key][1], str):
+            try:
+                values[key] = Quantity(expected).parse(text)
+            except PydanticCustomError as error:
+                raise CaseError(error.message(), file="--set", key=key, value=text) from None
+        elif text in expected:
+            values[key] = str(text)
+        else:
+            raise CaseError(f"expected one of {', '.join(expected)}", file="--set", key=key, value=text)
     return values
 
 
@@ -160,16 +170,3 @@ def require(holds: bool, message: str, values: Values, key: str) -> None:
     """
     if not holds:
         raise CaseError(message, file="--set", key=key, value=values[key])
-
-
-def _parse(key: str, text: Any, expected: str | Sequence[str]) -> float | str:
-    from pydantic_core import PydanticCustomError
-
-    if not isinstance(expected, str):
-        if text not in expected:
-            raise CaseError(f"expected one of {', '.join(expected)}", file="--set", key=key, value=text)
-        return str(text)
-    try:
-        return Quantity(expected).parse(text)
-    except PydanticCustomError as error:
-        raise CaseError(error.message(), file="--set", key=key, value=text) from None

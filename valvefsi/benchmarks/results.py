@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import resource
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +53,9 @@ def write_result(out: Path, result: Mapping[str, Any], comm: MPI.Comm) -> Path:
 
 
 def plain(value: Any) -> Any:
-    """Return what JSON can hold: arrays as lists, what is neither as its text."""
+    """Return what JSON can hold: arrays as lists, dataclasses as tables, what is neither as its text."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     return str(value)

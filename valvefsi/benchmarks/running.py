@@ -14,10 +14,7 @@ import scipy.fft
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Job
-from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.errors import CaseError, StabilityError
-from valvefsi.fluid.boundary import Boundary
-from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.fsi import Model, State
 from valvefsi.grid import MacGrid
 from valvefsi.io.checkpoint import newest_meta
@@ -25,6 +22,7 @@ from valvefsi.io.history import read_history
 from valvefsi.run.recording import Output
 from valvefsi.run.schedule import Schedule
 from valvefsi.run.simulation import Outcome, Simulation
+from valvefsi.runtime.clock import seconds
 from valvefsi.solid.structure import Structure
 from valvefsi.types import Array, Indices, Mask
 
@@ -33,25 +31,6 @@ AVERAGED = 0.2
 
 History = Mapping[str, Array]
 """Columns of a history over time, ``(n,)`` each."""
-
-
-def flow_of(grid: MacGrid, boundary: Boundary, dt: float, **physics: Any) -> NavierStokes:
-    """Return the fluid, its viscosity explicit where half of what that allows is longer than the step (collective)."""
-    limit = ExplicitViscosity.limit(grid, rho=physics["rho"], mu=physics["mu"])
-    return (ExplicitViscosity if 2.0 * dt < limit else NavierStokes)(grid, boundary, **physics)
-
-
-def springs(kernel: str, h: float, dt: float, hold: float) -> dict[str, Any]:
-    """Return stiffness and damping that hold points of a surface [dyn/cm^3, dyn s/cm^3].
-
-    Args:
-        kernel: Name of the regularised delta function.
-        h: Grid spacing [cm].
-        dt: Length of a step [s].
-        hold: Part of the limits of an explicit spring and damper on the fluid that the kernel moves, of density 1.
-    """
-    share = hold * h / largest_square_sum(kernel)
-    return {"stiffness": share / dt**2, "damping": share / dt}
 
 
 @dataclass(frozen=True)
@@ -129,19 +108,23 @@ def attempt(simulation: Simulation, job: Job, *, clear: bool = False) -> Attempt
     if meta is not None and meta["provenance"] != dict(output.provenance):
         raise CaseError("the checkpoints there belong to another run", file=folder, key="--resume")
     if clear and meta is None and job.comm.rank == 0:
-        _clear(folder)
+        for path in [*folder.glob("checkpoints/*"), *folder.glob("history.csv")]:
+            path.unlink()
     job.comm.barrier()
     outcome, failed = None, None
     try:
         outcome = simulation.run(resume=meta is not None, progress=job.progress)
     except StabilityError as error:
         failed = str(error)
-    columns = None
-    if job.comm.rank == 0:
-        columns = {k: np.array(v) for k, v in read_history(folder / "history.csv").items()}
-    history: dict[str, Array] = job.comm.bcast(columns)
+    history = history_of(folder, job.comm)
     steps = outcome.steps if outcome is not None else int(history["step"][-1])
     return Attempt(history=history, steps=steps, failed=failed, outcome=outcome)
+
+
+def history_of(folder: Path, comm: MPI.Comm) -> History:
+    """Return the columns of the history in a folder, on all ranks (collective)."""
+    columns = read_history(folder / "history.csv") if comm.rank == 0 else None
+    return {name: np.array(column) for name, column in comm.bcast(columns).items()}
 
 
 def completed(simulation: Simulation, job: Job) -> History:
@@ -154,11 +137,6 @@ def completed(simulation: Simulation, job: Job) -> History:
     if end.failed is not None:
         raise StabilityError(end.failed)
     return end.history
-
-
-def _clear(folder: Path) -> None:
-    for path in [*folder.glob("checkpoints/*"), *folder.glob("history.csv")]:
-        path.unlink()
 
 
 def late_size(history: History, column: str) -> float:
@@ -193,27 +171,21 @@ def whole_of(grid: MacGrid, own: Array, shape: Sequence[int]) -> Array:
     return values
 
 
-def plane_of(grid: MacGrid, own: Array) -> tuple[Array, list[Array]]:
-    """Return values in the cells of a plane ``(nx, ny)`` on all ranks from this rank's, and the edges (collective)."""
-    edges = [grid.lower[d] + np.concatenate([[0.0], np.cumsum(grid.cell_widths[d])]) for d in range(2)]
-    return whole_of(grid, own, grid.cells[:2]), edges
-
-
 def time_of_pair(cells: Sequence[int]) -> float:
     """Return the time of a cosine transform of a grid and back, on one thread [s].
 
     In memory that the process keeps, as steps have it: with fresh pages a pair takes up to twice as long.
     """
     field = np.random.default_rng(0).standard_normal(cells)
-    started = time.perf_counter()
-    scipy.fft.idctn(scipy.fft.dctn(field, workers=1), workers=1)
-    return time.perf_counter() - started
+    return seconds(lambda: scipy.fft.idctn(scipy.fft.dctn(field, workers=1), workers=1))
 
 
-def in_turns(step: Callable[[], None], grid: MacGrid, steps: int) -> tuple[list[float], list[float]]:
+def in_turns(
+    step: Callable[[], None], grid: MacGrid, steps: int, after: Callable[[], None] = lambda: None
+) -> tuple[list[float], list[float]]:
     """Return the times of steps, after two that are not timed, and of a pair of transforms after each [s] (collective).
 
-    They take turns, so that a load on the machine that comes and goes slows both.
+    They take turns, so that a load on the machine that comes and goes slows both; ``after`` each step is not timed.
     """
     times, pairs = [], []
     for _ in range(steps + 2):
@@ -222,6 +194,7 @@ def in_turns(step: Callable[[], None], grid: MacGrid, steps: int) -> tuple[list[
         step()
         grid.comm.barrier()
         times.append(time.perf_counter() - started)
+        after()
         pairs.append(grid.comm.bcast(time_of_pair(grid.cells[: grid.dim]) if grid.comm.rank == 0 else None))
     return times[2:], pairs[2:]
 
@@ -279,5 +252,7 @@ class Sights:
         if self.due and state.step >= self.due[0]:
             self.due = [later for later in self.due if later > state.step]
             own, outlines = look()
-            whole, edges = plane_of(grid, own)
-            self.snapshots.append(Snapshot(state.t, edges, whole, outlines))
+            edges = [
+                grid.lower[d] + np.concatenate([[0.0], np.cumsum(grid.cell_widths[d])]) for d in range(2)
+            ]
+            self.snapshots.append(Snapshot(state.t, edges, whole_of(grid, own, grid.cells[:2]), outlines))

@@ -15,12 +15,13 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from valvefsi.bodies import rigid_kernels
 from valvefsi.bodies.body import BodyBase, NoSeries
+from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.io.solid_body import Body, write_body
 from valvefsi.runtime.clock import Timed
 
@@ -31,6 +32,20 @@ if TYPE_CHECKING:
 
 QUADRILATERAL = 9
 """VTK's number of the cell type."""
+
+
+def explicit_springs(kernel: str, h: float, dt: float, hold: float, rho: float = 1.0) -> dict[str, Any]:
+    """Return stiffness and damping that hold the points of a surface [dyn/cm^3, dyn s/cm^3].
+
+    Args:
+        kernel: Name of the regularised delta function.
+        h: Grid spacing [cm].
+        dt: Length of a step [s].
+        hold: Part of the limits of an explicit spring and damper on the fluid that the kernel moves.
+        rho: Density of the fluid [g/cm^3].
+    """
+    share = hold * rho * h / largest_square_sum(kernel)
+    return {"stiffness": share / dt**2, "damping": share / dt}
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from valvefsi.case.sizes import check_size
 from valvefsi.errors import CaseError
 from valvefsi.fluid import boundary
 from valvefsi.fluid.boundary import Boundary
-from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
+from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes, stable_fluid
 from valvefsi.fluid.sides import Velocity
 from valvefsi.grid import MacGrid
 from valvefsi.types import Array
@@ -25,8 +25,6 @@ GOLDEN, TIMES = 0.6180339887498949, 64
 """Fractions k GOLDEN mod 1 fall evenly and never in step with a period: times at which walls are checked."""
 UNBALANCED = 0.01
 """Net flow into a box that nothing leaves, as a part of what goes in and out, from which it is refused."""
-EXPLICIT_SHARE = 0.5
-"""Part of the limit of explicit viscosity up to which it is chosen."""
 
 
 def build_grid(case: Case, comm: MPI.Comm) -> MacGrid:
@@ -66,8 +64,9 @@ def build_fluid(case: Case, grid: MacGrid) -> NavierStokes:
         from valvefsi.fluid.krylov import CoupledNavierStokes  # PETSc is needed for this one only
 
         return CoupledNavierStokes(grid, sides, **physics)
-    explicit = fluid.viscous == "explicit" or (fluid.viscous == "auto" and case.dt <= EXPLICIT_SHARE * limit)
-    return (ExplicitViscosity if explicit else NavierStokes)(grid, sides, **physics)
+    if fluid.viscous == "auto":
+        return stable_fluid(grid, sides, case.dt, **physics)
+    return (ExplicitViscosity if fluid.viscous == "explicit" else NavierStokes)(grid, sides, **physics)
 
 
 def build_boundary(case: Case, grid: MacGrid) -> Boundary:

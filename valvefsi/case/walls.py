@@ -15,12 +15,11 @@ from valvefsi.bodies.filling import Filling
 from valvefsi.bodies.on_posts import OnPosts
 from valvefsi.bodies.patches import PatchedSurface
 from valvefsi.bodies.posts import Oscillator
-from valvefsi.bodies.rigid import RigidSurface
+from valvefsi.bodies.rigid import RigidSurface, explicit_springs
 from valvefsi.case.meshes import mesh_path
 from valvefsi.case.models import Case
 from valvefsi.case.valve import LeafletEdges, error_of_leaflets, valve_of
 from valvefsi.case.valve_tables import Housing
-from valvefsi.coupling.kernel_properties import largest_square_sum
 from valvefsi.coupling.offsets import surface_offset
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError, StabilityError, raise_together
@@ -184,7 +183,7 @@ class _Walls:
 
 def _patched(case: Case, housing: Housing, coupling: Coupling, walls: _Walls, *, name: str) -> PatchedSurface:
     """Return walls held in patches. Collective."""
-    share = housing.hold * case.fluid.density * case.grid.spacing / largest_square_sum(KERNEL)
+    hold = explicit_springs(KERNEL, case.grid.spacing, case.dt, housing.hold, case.fluid.density)
     problem = rigid = None
     surface = walls.surface
     try:
@@ -193,9 +192,8 @@ def _patched(case: Case, housing: Housing, coupling: Coupling, walls: _Walls, *,
             walls.labels,
             coupling,
             name=name,
-            stiffness=share / case.dt**2,
-            damping=share / case.dt,
             slip=_end_slip(case, surface),
+            **hold,
         )
     except StabilityError as error:
         widest = float(np.hypot(surface.points[:, 0], surface.points[:, 1]).max())

@@ -10,7 +10,7 @@ wall a distance
 
 in front of the points, in the mean over the places of the plane between those of the grid. A B-spline of m points has
 phi = (sin(k / 2) / (k / 2))^m. It is h / 6 for ``piecewise_linear`` along the grid, 0.201 h at 45 degrees and 0.185 h
-in the mean over a circle; `valvefsi.benchmarks.flows.wall_offset` has several planes behind one another.
+in the mean over a circle; `valvefsi.coupling.wall_offset` has several planes behind one another.
 """
 
 from __future__ import annotations

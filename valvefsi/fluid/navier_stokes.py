@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -252,3 +253,20 @@ class ExplicitViscosity(NavierStokes):
             self.operators.advance(q, p, term, weights, d)
             for d, (q, term) in enumerate(zip(u, terms, strict=True))
         )
+
+
+EXPLICIT_SHARE = 0.5
+"""Part of the largest step of explicit viscosity up to which it is taken."""
+
+
+def stable_fluid(grid: MacGrid, boundary: Boundary, dt: float, **physics: Any) -> NavierStokes:
+    """Return the fluid with explicit viscosity where a step is well below its limit, else implicit (collective).
+
+    Args:
+        grid: The grid.
+        boundary: Its sides.
+        dt: Length of the step [s].
+        physics: Further arguments of the fluid, ``rho`` and ``mu`` among them.
+    """
+    limit = ExplicitViscosity.limit(grid, rho=physics["rho"], mu=physics["mu"])
+    return (ExplicitViscosity if dt <= EXPLICIT_SHARE * limit else NavierStokes)(grid, boundary, **physics)

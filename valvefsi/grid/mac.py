@@ -57,6 +57,18 @@ def _along_axes(comm: MPI.Comm, n1: int) -> tuple[MPI.Comm, MPI.Comm]:
     return pair
 
 
+def divided(cells: Sequence[int], ranks: int) -> tuple[int, int] | None:
+    """Return the ranks along axes 0 and 1 of a grid, None where every division leaves slabs thinner than the ghosts.
+
+    Slabs along axis 0 (one transpose fewer), pencils where those would be too thin.
+    """
+    for n1 in range(1, ranks + 1 if len(cells) == 3 else 2):
+        n0 = ranks // n1
+        if n0 * n1 == ranks and cells[0] // n0 >= GHOSTS and cells[1] // n1 >= GHOSTS:
+            return n0, n1
+    return None
+
+
 class MacGrid:
     """A staggered grid over a box, divided among the ranks of a communicator; uniform, or graded by `graded`.
 
@@ -104,7 +116,7 @@ class MacGrid:
         self.spacing = (self.upper - self.lower) / self.cells
         self.ghosts = (GHOSTS, GHOSTS, 0 if flat else GHOSTS)
         self.comm = comm
-        self.process_grid = process_grid or self._choose_process_grid(comm.size)
+        self.process_grid = process_grid or divided(self.cells[: self.dim], comm.size) or (comm.size, 1)
         self._divide()
         self._set_widths([np.full(n, h) for n, h in zip(self.cells, self.spacing, strict=True)])
 
@@ -167,14 +179,6 @@ class MacGrid:
             run = small[: np.argmax(np.diff(small, append=small[-1] + 2) > 1) + 1]  # the first without a gap
             self.fine.append((edges[run[0]], edges[run[-1] + 1]))
             self.origin[axis] = self.lower[axis] if self.uniform[axis] else edges[run[0]] - run[0] * w.min()
-
-    def _choose_process_grid(self, ranks: int) -> tuple[int, int]:
-        """Prefer slabs along axis 0 (one transpose fewer), pencils where the slabs would be thinner than the ghosts."""
-        for n1 in range(1, ranks + 1 if self.dim == 3 else 2):
-            n0 = ranks // n1
-            if n0 * n1 == ranks and self.cells[0] // n0 >= GHOSTS and self.cells[1] // n1 >= GHOSTS:
-                return n0, n1
-        return ranks, 1
 
     def _divide(self) -> None:
         n0, n1 = self.process_grid

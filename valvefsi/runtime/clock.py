@@ -35,6 +35,13 @@ class TimedCoupling(Timed):
         self.at = lambda chi: Timed(prepare(chi), table, methods)
 
 
+def seconds(call: Callable[[], Any]) -> float:
+    """Return the wall-clock time of a call [s]."""
+    started = time.perf_counter()
+    call()
+    return time.perf_counter() - started
+
+
 def timed_call(function: Callable[..., Any], table: dict[str, float], phase: str) -> Callable[..., Any]:
     """Return the function with a clock around it."""
 

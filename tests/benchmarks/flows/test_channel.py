@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from valvefsi.benchmarks.flows.channel import Channel, poiseuille, womersley
+from valvefsi.benchmarks.flows.channel import Channel
 from valvefsi.errors import CaseError
+from valvefsi.verification.closed_forms import poiseuille, womersley
 
 
 def test_the_closed_forms_solve_the_momentum_equation():

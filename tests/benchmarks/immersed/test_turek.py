@@ -101,7 +101,7 @@ def modulus(*overrides):
 def test_the_inflow_drags_and_the_clamp_stays(built, shared_tmp):
     dt = built[1]
     benchmark = replace(SHORT, t_end=200 * dt)
-    simulation, _ = benchmark.simulation(2, shared_tmp, WORLD)
+    simulation, *_ = benchmark.simulation(2, shared_tmp, WORLD)
     simulation.output = replace(simulation.output, history_every=20)
     h = attempt(simulation, Job(folder=shared_tmp, comm=WORLD)).history
     drag, lift = (h[SIGNALS[key][0]][1:] for key in ("drag", "lift"))
@@ -185,7 +185,7 @@ def test_a_resumed_run_ends_where_the_whole_run_does(built, shared_tmp, monkeypa
     histories = {}
     for name, times in {"whole": (24,), "parts": (12, 24)}.items():
         for steps in times:
-            simulation, _ = replace(SHORT, t_end=steps * dt).simulation(2, shared_tmp / name, WORLD)
+            simulation, *_ = replace(SHORT, t_end=steps * dt).simulation(2, shared_tmp / name, WORLD)
             job = Job(folder=shared_tmp / name, comm=WORLD, resume=name == "parts" and steps == 24)
             done = attempt(simulation, job)
             assert (done.failed, done.steps) == (None, 12 if name == "parts" else 24)
@@ -194,13 +194,13 @@ def test_a_resumed_run_ends_where_the_whole_run_does(built, shared_tmp, monkeypa
     assert parts["t_s"][-1] == pytest.approx(whole["t_s"][-1], rel=1e-12)
     for column in ("u_x_tip_cm", "u_y_tip_cm"):
         np.testing.assert_allclose(parts[column][-1], whole[column][-1], rtol=1e-9, atol=1e-14)
-    other, _ = replace(SHORT, overrides=("ramp='21 ms'",)).simulation(2, shared_tmp / "parts", WORLD)
+    other, *_ = replace(SHORT, overrides=("ramp='21 ms'",)).simulation(2, shared_tmp / "parts", WORLD)
     with pytest.raises(CaseError, match="another run"):
         attempt(other, Job(folder=shared_tmp / "parts", comm=WORLD, resume=True))
 
 
 def test_a_run_that_breaks_down_says_why_and_keeps_its_record(built, shared_tmp):
-    simulation, _ = SHORT.simulation(2, shared_tmp, WORLD)
+    simulation, *_ = SHORT.simulation(2, shared_tmp, WORLD)
     steps = 40 * simulation.schedule.dt
     simulation.schedule = replace(simulation.schedule, dt=steps, t_end=100 * steps)
     simulation.output = replace(simulation.output, history_every=1)

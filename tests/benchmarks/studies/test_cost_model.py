@@ -6,9 +6,11 @@ import pytest
 from mpi4py import MPI
 
 from valvefsi.benchmarks.studies import cost_model
-from valvefsi.benchmarks.studies.cost_model import Machine, Network
+from valvefsi.benchmarks.studies.cost_model import Machine
 from valvefsi.benchmarks.studies.speed import Speed
 from valvefsi.grid import GHOSTS, MacGrid
+from valvefsi.grid.mac import divided
+from valvefsi.runtime.machine import Network, measure_network, triad_bandwidth
 
 WORLD = MPI.COMM_WORLD
 PHASES = {"advection": 40.0, "viscous solves": 30.0, "pressure solve": 10.0, "ghosts": 2.0, "all else": 18.0}
@@ -28,14 +30,11 @@ class Counting:
 
 
 def test_ranks_are_divided_as_the_grid_divides_them():
-    assert (
-        cost_model.process_grid(16, WORLD.size)
-        == MacGrid([0] * 3, [1] * 3, [16] * 3, [True] * 3).process_grid
-    )
-    assert cost_model.process_grid(256, 64) == (64, 1)
-    assert cost_model.process_grid(256, 256) == (64, 4)
+    assert divided((16,) * 3, WORLD.size) == MacGrid([0] * 3, [1] * 3, [16] * 3, [True] * 3).process_grid
+    assert divided((256,) * 3, 64) == (64, 1)
+    assert divided((256,) * 3, 256) == (64, 4)
     with pytest.raises(ValueError, match="too many"):
-        cost_model.process_grid(16, 32)
+        cost_model.work(16, 32)
 
 
 def test_a_rank_alone_sends_nothing_and_messages_grow_with_the_ranks():
@@ -86,10 +85,10 @@ def test_the_time_of_messages_is_latency_and_bytes_over_bandwidth():
 
 
 def test_the_network_is_measured_where_there_is_one():
-    network = cost_model.measure_network(WORLD, repeats=3)
+    network = measure_network(WORLD, repeats=3)
     assert (network is None) == (WORLD.size == 1)
     assert network is None or (network.latency > 0 and network.bandwidth > 0)
-    assert cost_model.triad_bandwidth(WORLD, size=10**5, repeats=3) > 0
+    assert triad_bandwidth(WORLD, size=10**5, repeats=3) > 0
 
 
 def test_the_speed_benchmark_predicts_every_size_and_compares_what_it_measured(shared_tmp):

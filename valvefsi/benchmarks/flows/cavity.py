@@ -15,9 +15,10 @@ from valvefsi.benchmarks import references
 from valvefsi.benchmarks.frame import Job, Report, Single
 from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.running import flow_of, whole_of
+from valvefsi.benchmarks.running import whole_of
 from valvefsi.errors import ConvergenceError
 from valvefsi.fluid.boundary import Boundary, Wall
+from valvefsi.fluid.navier_stokes import stable_fluid
 from valvefsi.grid import Array, Faces, MacGrid
 from valvefsi.post import diagnostics
 from valvefsi.post.plots.decay import centre_lines
@@ -79,7 +80,7 @@ def march(
     mu, t_end = 1.0 / reynolds, parameters["t_end"]
     dt = parameters["cfl"] / cells
     lid = Boundary(grid, {"y_upper": Wall(velocity=(1.0, 0.0))})
-    model = fsi.Model(grid=grid, fluid=flow_of(grid, lid, dt, rho=1.0, mu=mu))
+    model = fsi.Model(grid=grid, fluid=stable_fluid(grid, lid, dt, rho=1.0, mu=mu))
     state, k, change = fsi.initial_state(model, dt), 0, np.inf
     while change > parameters["steady"]:
         if k * dt > t_end:

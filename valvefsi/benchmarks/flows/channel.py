@@ -1,9 +1,6 @@
 """Flow in a plane channel between open sides: steady (Poiseuille) and oscillating (Womersley), against closed forms.
 
-Height, density and the amplitude of the pressure gradient G are 1. With the channel between y = 0 and 1,
-
-    Poiseuille: u = G y (1 - y) / (2 mu)
-    Womersley:  u = Re{G / (i w) [1 - cosh(k (y - 1/2)) / cosh(k / 2)] exp(i w t)},  k^2 = i w / mu
+Height, density and the amplitude of the pressure gradient are 1, see `valvefsi.verification.closed_forms`.
 """
 
 from __future__ import annotations
@@ -20,25 +17,14 @@ from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
 from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import order_row, row
+from valvefsi.benchmarks.running import whole_of
 from valvefsi.fluid.boundary import Boundary, Open
 from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import Array, MacGrid
 from valvefsi.post.plots.decay import profiles
+from valvefsi.verification.closed_forms import poiseuille, womersley
 
 KINDS = ("poiseuille", "womersley")
-
-
-def poiseuille(y: Array, mu: float) -> Array:
-    """Velocity of the steady flow at heights y."""
-    return y * (1.0 - y) / (2.0 * mu)
-
-
-def womersley(y: Array, t: float, number: float, mu: float) -> Array:
-    """Velocity of the oscillating flow at heights y; the number is 1/2 sqrt(w / mu), half a height over the layer."""
-    w = mu * (2.0 * number) ** 2
-    k = np.sqrt(1j * w / mu)
-    profile = (1.0 - np.cosh(k * (y - 0.5)) / np.cosh(0.5 * k)) / (1j * w)
-    return np.real(profile * np.exp(1j * w * t))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,19 +97,10 @@ def measure(kind: str, n: int, parameters: Values, comm: MPI.Comm) -> dict[str, 
             here = exact(y, t) + grid.zeros()
             error = max(error, float(np.abs(state.u[0] - here)[own].max()))
             speed = max(speed, float(np.abs(here[own]).max()))
-            profiles.append((t, _profile(grid, state.u[0])))
+            profiles.append((t, whole_of(grid, state.u[0][grid.owned][:, :, 0], grid.cells[:2]).mean(axis=0)))
     return {
         "error": comm.allreduce(error, op=MPI.MAX) / comm.allreduce(speed, op=MPI.MAX),
         "y": grid.centres(1),
         "profiles": profiles,
         "exact": [exact(np.linspace(0, 1, 201), t) for t, _ in profiles],
     }
-
-
-def _profile(grid: MacGrid, u: Array) -> Array:
-    """Mean along the channel of the velocity at every height, on all ranks."""
-    whole = np.zeros(grid.cells[1])
-    mine = slice(grid.start[1], grid.start[1] + grid.size[1])
-    whole[mine] = u[grid.owned].sum(axis=(0, 2)) / grid.cells[0]
-    grid.comm.Allreduce(MPI.IN_PLACE, whole)
-    return whole

@@ -21,7 +21,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -32,13 +32,14 @@ from valvefsi.benchmarks.flows.fitted import FittedFlow, Velocity
 from valvefsi.benchmarks.frame import Benchmark, Job, R, Record, Report
 from valvefsi.benchmarks.options import Values, option, quantities, read_quantities, require
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.running import completed, fixed_steps, flow_of, springs
-from valvefsi.bodies.rigid import RigidSurface
+from valvefsi.benchmarks.running import completed, fixed_steps
+from valvefsi.bodies.rigid import RigidSurface, explicit_springs
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.coupling.wall_offset import wall_offset
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary, FreeSlip, Open, Wall
+from valvefsi.fluid.navier_stokes import stable_fluid
 from valvefsi.geometry.flow_shapes import box_around_cylinder
 from valvefsi.grid import Array, MacGrid
 from valvefsi.grid.grading import graded_edges
@@ -46,14 +47,13 @@ from valvefsi.io.folder import replacing
 from valvefsi.post.plots.decay import forces as draw
 from valvefsi.run.forces import ForceOutput
 from valvefsi.run.simulation import Simulation
-from valvefsi.types import Faces, Indices
+from valvefsi.types import Faces
 
 LABELS = {"drag": "mean drag", "lift": "amplitude of lift", "strouhal": "Strouhal number"}
 Band = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Forces:
+class Forces(NamedTuple):
     """Times, coefficients of drag and lift, ``(n,)`` each."""
 
     t: Array
@@ -95,18 +95,16 @@ class Shedding(Benchmark[R, None]):
         """Write ``forces.csv`` and ``forces.png``, with the published ranges."""
         (r,), reynolds = records, self.values["reynolds"]
         forces, title = r["_forces"], f"Cylinder at Re {reynolds:g}, {self.mesh_of(r)}"
-        curves = (forces.t, forces.drag, forces.lift)
-        columns = np.stack(curves, axis=1)[:: max(1, len(forces.t) // 5000)]
+        columns = np.stack(forces, axis=1)[:: max(1, len(forces.t) // 5000)]
         with replacing(out / "forces.csv") as path:
             np.savetxt(path, columns, delimiter=",", comments="", header="t,drag,lift")
-        draw(out / "forces.png", curves, {key: band for key, (band, _) in self.bands.items()}, title=title)
+        draw(out / "forces.png", forces, {key: band for key, (band, _) in self.bands.items()}, title=title)
 
 
 def numbers(forces: Forces) -> dict[str, float]:
     """Mean drag, amplitude of the lift (mean over periods) and its frequency, in the last third of a record."""
-    t, drag, lift = forces.t, forces.drag, forces.lift
-    late = t > t[0] + 2.0 / 3.0 * (t[-1] - t[0])
-    t, drag, lift = t[late], drag[late], lift[late]
+    late = forces.t > forces.t[0] + 2.0 / 3.0 * (forces.t[-1] - forces.t[0])
+    t, drag, lift = (curve[late] for curve in forces)
     away = lift - lift.mean()
     up = np.flatnonzero((away[:-1] < 0.0) & (away[1:] >= 0.0))
     if len(up) < 3:
@@ -206,7 +204,7 @@ def build(cells: int, parameters: Values, comm: MPI.Comm) -> tuple[fsi.Model, fl
     sides |= dict.fromkeys(("y_lower", "y_upper"), FreeSlip())
     mu = 1.0 / parameters["reynolds"]
     dt = parameters["cfl"] * h / 1.6  # the stream is up to 1.6 times as fast beside the cylinder
-    fluid = flow_of(grid, Boundary(grid, sides), dt, rho=1.0, mu=mu, advection="xsppm7")
+    fluid = stable_fluid(grid, Boundary(grid, sides), dt, rho=1.0, mu=mu, advection="xsppm7")
     n = math.ceil(math.pi / (0.5 * h))
     angle = 2.0 * np.pi * np.arange(n) / n
     radius = 0.5 - parameters["draw_in"] * wall_offset(parameters["kernel"]) * h
@@ -216,7 +214,7 @@ def build(cells: int, parameters: Values, comm: MPI.Comm) -> tuple[fsi.Model, fl
         Coupling(grid, parameters["kernel"]),
         name="cylinder",
         slip=PACE / dt,
-        **springs(parameters["kernel"], float(grid.spacing[0]), dt, hold=0.5),
+        **explicit_springs(parameters["kernel"], float(grid.spacing[0]), dt, hold=0.5),
     )
     return fsi.Model(grid=grid, fluid=fluid, bodies=(ring,)), dt
 
@@ -264,16 +262,9 @@ class CylinderFitted(Shedding[float]):
 def flow_around(size: float, values: Values, comm: MPI.Comm) -> tuple[FittedFlow, int]:
     """Return the flow at its start, a stream with a short push across it, and the number of triangles (collective)."""
     box = box_around_cylinder(size, values["width"], comm)
-
-    def facets(name: str) -> Indices:
-        tags: Any = box.facet_tags
-        return tags.find(box.tag(name)[1])
-
-    sides: dict[str, tuple[Indices, Velocity]] = {
-        "sides": (facets("sides"), (None, 0.0)),
-        "inlet": (facets("inlet"), (1.0, 0.0)),
-        "cylinder": (facets("cylinder"), (0.0, 0.0)),
-    }
+    tags: Any = box.facet_tags
+    velocities: dict[str, Velocity] = {"sides": (None, 0.0), "inlet": (1.0, 0.0), "cylinder": (0.0, 0.0)}
+    sides = {name: (tags.find(box.tag(name)[1]), velocity) for name, velocity in velocities.items()}
     dt = values["courant"] * size
     flow = FittedFlow(box.mesh, sides, rho=1.0, mu=1.0 / values["reynolds"], dt=dt)
     flow.start(lambda x: np.stack([1.0 + 0.0 * x[0], 0.5 * np.exp(-((x[0] - 1.5) ** 2) - x[1] ** 2)]))

@@ -25,7 +25,6 @@ import dolfinx
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc
-from dolfinx.la import InsertMode
 from dolfinx.mesh import exterior_facet_indices
 from petsc4py import PETSc
 
@@ -95,11 +94,8 @@ class FittedFlow:
         parts = []
         for d in range(2):
             space, to_parent = self.space.sub(0).sub(d).collapse()
-            _, here = fem.locate_dofs_topological((self.space.sub(0).sub(d), space), 1, facets)
-            marks = fem.Function(space)
-            marks.x.array[here] = 1.0
-            marks.x.scatter_reverse(InsertMode.add)
-            own = np.flatnonzero(marks.x.array[: space.dofmap.index_map.size_local])
+            here = np.unique(fem.locate_dofs_topological(space, 1, facets))
+            own = here[here < space.dofmap.index_map.size_local]
             parts.append((np.ravel(to_parent)[own], space.tabulate_dof_coordinates()[own].T))
         return parts
 

@@ -17,8 +17,9 @@ from valvefsi import fsi
 from valvefsi.benchmarks.frame import Job, Report, Single
 from valvefsi.benchmarks.options import Values, quantities, require
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.running import Columns, completed, fixed_steps, springs
+from valvefsi.benchmarks.running import Columns, completed, fixed_steps
 from valvefsi.bodies.patches import PatchedSurface
+from valvefsi.bodies.rigid import explicit_springs
 from valvefsi.coupling.offsets import surface_offset
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.errors import CaseError
@@ -126,6 +127,6 @@ def build(parameters: Values, comm: MPI.Comm) -> fsi.Model:
     labels = patch_labels((tube, disk), h, reach)
     labels[len(tube.points) :] = SINGLE  # the plate stands for leaflets, which are held node by node
     tube = tube.moved(h * surface_offset(KERNEL, tube.normals, (0.0, 0.0, 1.0)))
-    spring = springs(KERNEL, h, dt, hold)
+    spring = explicit_springs(KERNEL, h, dt, hold)
     rigid = PatchedSurface(joined(tube, disk), labels, Coupling(grid, KERNEL), name="section", **spring)
     return fsi.Model(grid=grid, fluid=fluid, bodies=(rigid,))

@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from scipy.special import jn_zeros
 
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Job, Report, Single
 from valvefsi.benchmarks.options import Values, option, quantities, read_quantities, require
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.running import Columns, completed, fixed_steps, springs
+from valvefsi.benchmarks.running import Columns, completed, fixed_steps
 from valvefsi.bodies.patches import PatchedSurface
+from valvefsi.bodies.rigid import explicit_springs
 from valvefsi.coupling.kernels import BSPLINE, KERNELS
 from valvefsi.coupling.offsets import surface_offset
 from valvefsi.coupling.transfer import Coupling
@@ -38,6 +38,7 @@ from valvefsi.geometry.patches import SINGLE, patch_labels
 from valvefsi.grid import MacGrid
 from valvefsi.post.plots.tube import start_up_flow
 from valvefsi.types import Array, Faces
+from valvefsi.verification.closed_forms import FINAL, start_up
 
 PARAMETERS = quantities(
     "radius = 1.25 cm, relaxation = 0.1 s, t_end = 6 s, step = 0.8, hold = 0.25, shift = 0.1",
@@ -48,17 +49,6 @@ DIRECTIONS = {0: (0, 1), 20: (4, 11), 45: (1, 1)}
 """Cells along x and z after which the axis comes back to the same place, by angle to z in degrees (20: 19.98)."""
 MARGIN = 5.0
 """Least distance of the tube from its next image, in spacings."""
-FINAL = 5.783185962946785
-"""Square of the first zero of J_0: R^2 / (FINAL nu) is the time in which the flow settles."""
-TIMES = 60
-"""Terms of the series."""
-
-
-def start_up(t: Array, relaxation: float) -> Array:
-    """Return flow over final flow at times t after the force begins, same shape; R^2 / (5.78 nu) = relaxation."""
-    z = jn_zeros(0, TIMES)
-    decay = np.exp(-np.multiply.outer(np.asarray(t, dtype=float), z**2) / (FINAL * relaxation))
-    return 1.0 - decay @ (32.0 / z**4)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +151,7 @@ def build(angle: int, h: float, values: Values, comm: MPI.Comm) -> tuple[fsi.Mod
         patch_labels([surface], h) if values["wall"] == "patches" else np.full(len(surface.points), SINGLE)
     )
     surface = surface.moved(h * surface_offset(kernel, surface.normals, tuple(axis.frame[0])))
-    hold = springs(kernel, h, dt, values["hold"])
+    hold = explicit_springs(kernel, h, dt, values["hold"])
     wall = PatchedSurface(surface, labels, Coupling(grid, kernel), name="tube", **hold)
     return fsi.Model(grid=grid, fluid=fluid, bodies=(wall,)), weights, dt
 

@@ -11,10 +11,9 @@ coarse as the grid its nodes come to lie several h apart, and fluid leaks in. Th
 from __future__ import annotations
 
 import itertools
-import time
 from abc import abstractmethod
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -28,26 +27,25 @@ from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, re
 from valvefsi.benchmarks.immersed.study import COUPLINGS, Numerics, couple
 from valvefsi.benchmarks.options import option, quantities
 from valvefsi.benchmarks.results import Row, order_row, row
-from valvefsi.benchmarks.running import flow_of, time_of_pair
+from valvefsi.benchmarks.running import in_turns
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.elastic_plan import LONGEST_GAP
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.fluid.boundary import Boundary, Wall
+from valvefsi.fluid.navier_stokes import stable_fluid
 from valvefsi.geometry.blocks import ball
 from valvefsi.grid import MacGrid
 from valvefsi.post.plots.immersed import Line, Panel, panels
 from valvefsi.run.simulation import timed
 from valvefsi.solid.structure import Structure
-from valvefsi.types import Array
 
 PARAMETERS = quantities("""
     c1 = 0.05 dyn/cm^2, p0 = 0.05 dyn/cm^2, rho = 1 g/cm^3, mu = 0.01 dyn*s/cm^2, lid = 1 cm/s,
     dt_per_h = 1/32 s/cm
 """)
+IBAMR = references.read("ibamr_sphere_in_cavity")
 RADIUS, CENTRE = 0.2, (0.6, 0.5, 0.5)
 PAIR_LIMIT, CHANGE_LIMIT = 25.0, 1e-6
-PAIRS = 60
-"""Steps that take turns with cosine transforms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +78,8 @@ class SoftBody(Benchmark[int, None]):
     dim: ClassVar[int]
     body: ClassVar[str]
     measure: ClassVar[str]
+    elsewhere: ClassVar[Mapping[str, float]] = {}
+    """What another code gives, empty where it did not run this body."""
 
     grid: int = option(64, "Cells along each edge of the box.", least=8)
     kernel: str = option("ib4", "Kernel of the coupling.", choices=tuple(KERNELS))
@@ -98,10 +98,6 @@ class SoftBody(Benchmark[int, None]):
     def count(self, dt: float) -> int:
         """Return the number of steps."""
 
-    def elsewhere(self, quantity: str) -> float | None:
-        """Return what another code gives, None where it did not run this body."""
-        return None
-
     def runs(self) -> list[int]:
         return [self.grid]
 
@@ -119,28 +115,32 @@ class SoftBody(Benchmark[int, None]):
         )
         grid = MacGrid([0.0] * dim, [1.0] * dim, [n] * dim, [False] * dim, comm)
         sides = Boundary(grid, {"y_upper": Wall(velocity=(values["lid"],) + (0.0,) * (dim - 1))})
-        fluid = flow_of(grid, sides, values["dt_per_h"] / n, rho=values["rho"], mu=values["mu"])
+        fluid = stable_fluid(grid, sides, values["dt_per_h"] / n, rho=values["rho"], mu=values["mu"])
         return fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, couple(fluid, solid, numerics)),))
 
     def one(self, run: int, job: Job) -> Record:
-        model, dt, comm = self.model(run, job.comm), self.values["dt_per_h"] / run, job.comm
+        model, dt = self.model(run, job.comm), self.values["dt_per_h"] / run
         steps, phases = self.count(dt), defaultdict[str, float](float)
-        clocked, state, times, pairs = timed(model, phases), fsi.initial_state(model, dt), [], []
-        rows, every = [], max(1, steps // 200)
-        for step in range(steps):
-            if step == 2:
+        clocked, state = timed(model, phases), fsi.initial_state(model, dt)
+        body: Any = model.bodies[0]
+        rows, every, solid = [], max(1, steps // 200), body.solid
+
+        def step() -> None:
+            nonlocal state
+            if state.step == 2:
                 phases.clear()  # the first steps compile
-            started = time.perf_counter()
             state = fsi.step(clocked, state, dt)
-            times.append(time.perf_counter() - started)
-            if step < PAIRS:  # in turns with the steps: a load on the machine slows both
-                pairs.append(time_of_pair((run,) * self.dim) if comm.rank == 0 else 0.0)
-                comm.barrier()
-            if (step + 1) % every == 0 or step + 1 == steps:
-                rows.append(_look(model, state))
+
+        def look() -> None:
+            if state.step % every == 0 or state.step == steps:
+                chi = state.bodies[0]["chi"]
+                change = solid.volume(chi) / solid.reference_volume - 1.0
+                moment = model.grid.comm.allreduce((solid.weights[:, None] * chi).sum(axis=0))
+                x, y = moment[:2] / solid.reference_volume
+                rows.append((state.t, change, x, y, body.gap(state.bodies[0]) * run))
                 job.show(state.step, state.t, steps * dt, volume_change=rows[-1][1])
-        each = comm.allreduce(float(np.median(times[2:])), op=MPI.MAX)
-        pair = comm.bcast(float(np.median(pairs[2:])) if comm.rank == 0 else None)
+
+        each, pair = map(float, np.median(in_turns(step, model.grid, steps - 2, look), axis=1))
         history = dict(zip(("t", "change", "x", "y", "gap"), np.array(rows).T.tolist(), strict=True))
         return {
             "cells": run,
@@ -158,7 +158,6 @@ class SoftBody(Benchmark[int, None]):
 
     def report(self, records: Sequence[Record], reference: None) -> Report:
         keys = ("volume_change", "pairs", "step_s")
-        numbers = {key: self.elsewhere(key) for key in ("change", "pairs")}
         table = [line for record in records for line in self._lines(record)]
         ends = [np.array([r["history"]["x"][-1], r["history"]["y"][-1]]) for r in records[-3:]]
         if len(ends) == 3:
@@ -169,13 +168,13 @@ class SoftBody(Benchmark[int, None]):
         return Report(
             parameters=self.values | grids,
             quantities={r["cells"]: {key: r[key] for key in keys} for r in records},
-            reference={key: value for key, value in numbers.items() if value is not None},
+            reference=self.elsewhere,
             more={"runs": [public(r) for r in records]},
             table=table,
         )
 
     def _lines(self, r: Record) -> list[Row]:
-        change, pairs = self.elsewhere("change"), self.elsewhere("pairs")
+        change, pairs = self.elsewhere.get("change"), self.elsewhere.get("pairs")
         note = "" if change is None else f"IBAMR 0.19: {change:.1e}; wanted <= {CHANGE_LIMIT:g}"
         took = "" if pairs is None else f"IBAMR 0.19, one rank: {pairs:.0f}; wanted <= {PAIR_LIMIT:g}"
         parts = ", ".join(f"{k} {v:.1f}" for k, v in r["phases_pairs"].items())
@@ -212,6 +211,7 @@ class SphereInCavity(SoftBody):
 
     name = "sphere-in-cavity"
     dim, body, measure = 3, "sphere", "volume"
+    elsewhere = {key: IBAMR.value("value", quantity=key) for key in ("change", "pairs")}
 
     elements: int | None = option(16, "Elements along the edge of each block of the body.", least=1)
     steps: int = option(60, "Number of steps.", least=3)
@@ -221,9 +221,6 @@ class SphereInCavity(SoftBody):
 
     def count(self, dt: float) -> int:
         return self.steps
-
-    def elsewhere(self, quantity: str) -> float | None:
-        return references.read("ibamr_sphere_in_cavity").value("value", quantity=quantity)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,13 +245,3 @@ class DiskInCavity(SoftBody):
 
     def count(self, dt: float) -> int:
         return round(self.values["t_end"] / dt)
-
-
-def _look(model: fsi.Model, state: fsi.State) -> Array:
-    """Return time, change of volume, centre, and largest gap between points over h (collective)."""
-    body: Any = model.bodies[0]
-    solid, chi = body.solid, state.bodies[0]["chi"]
-    moment = model.grid.comm.allreduce((solid.weights[:, None] * chi).sum(axis=0))
-    change = solid.volume(chi) / solid.reference_volume - 1.0
-    x, y = moment[:2] / solid.reference_volume
-    return np.array([state.t, change, x, y, body.gap(state.bodies[0]) / model.grid.spacing[0]])

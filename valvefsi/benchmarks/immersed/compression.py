@@ -7,7 +7,7 @@ smoothly over the first 40 % of the run; displacement and area are averaged over
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks.frame import Job, Report, Result, Session, Single
+from valvefsi.benchmarks.frame import Job, Report, Result, Single
 from valvefsi.benchmarks.immersed.study import GridStudy, Numerics
 from valvefsi.benchmarks.options import Values, option, quantities, read_parameters, read_quantities
 from valvefsi.benchmarks.results import row
-from valvefsi.benchmarks.running import AVERAGED, History, late, late_mean
+from valvefsi.benchmarks.running import History, history_of, late, late_mean
 from valvefsi.benchmarks.statics.solids import block_displacement
 from valvefsi.case import Case, parse_case
 from valvefsi.case.build import build, write_case
@@ -27,7 +27,6 @@ from valvefsi.case.overrides import split_override
 from valvefsi.case.resuming import clear, run_folder
 from valvefsi.coupling.kernels import KERNELS
 from valvefsi.errors import CaseError
-from valvefsi.io.history import read_history
 from valvefsi.run.planning import plan as make_plan
 from valvefsi.run.recording import Probe
 from valvefsi.run.simulation import Simulation
@@ -41,10 +40,12 @@ GRID, BOX, LENGTH = 16, 40.0, 20.0
 TOP = (20.0, 25.0)
 """Centre of the top [cm]."""
 KEY = "u_y_top_centre_cm"
+DAMPING = 0.05
+"""Body damping over c1, where it is not set [s/cm^2]."""
 PARAMETERS = quantities(
     """traction = 200 dyn/cm^2, c1 = 80.194 dyn/cm^2, rho = 1 g/cm^3, mu = 0.01 dyn*s/cm^2, t_end = 60 s,
     dt_per_h = 0.005 s/cm, tether_stiffness = 1e5 dyn/cm^3, tether_damping = 0 dyn*s/cm^3""",
-    damping=(0.05 * 80.194, "dyn*s/cm^4"),
+    damping=(DAMPING * 80.194, "dyn*s/cm^4"),
 )
 """Default and unit of the parameters that ``--set NAME=value`` reaches; dotted keys reach the whole case."""
 
@@ -121,13 +122,11 @@ class Compression(Single):
         Raises:
             CaseError: An override or the outcome is not a valid case.
         """
-        keys = {text: split_override(text)[0] for text in self.overrides}
-        values = read_quantities(PARAMETERS, [text for text, key in keys.items() if "." not in key])
-        if "c1" in keys.values() and "damping" not in keys.values():
-            values["damping"] = 0.05 * values["c1"]
-        return parse_case(
-            _raw_case(self.discretisation, values), [text for text, key in keys.items() if "." in key]
-        )
+        plain, dotted = _split(self.overrides)
+        values = read_quantities(PARAMETERS, list(plain))
+        if "damping" not in plain.values():
+            values["damping"] = DAMPING * values["c1"]
+        return parse_case(_raw_case(self.discretisation, values), list(dotted))
 
     def plan(self, out: Path, comm: MPI.Comm) -> Result:
         """Return size, step limits and expected time of the run (collective)."""
@@ -135,11 +134,11 @@ class Compression(Single):
             raise CaseError("a plan is of one run", key="--plan", value="--refine")
         return {"plan": make_plan(build(self.case(), out, comm))}
 
-    def execute(self, session: Session) -> Result:
+    def execute(self, session: Job) -> Result:
         return self.series().execute(session) if self.refine else super().execute(session)
 
     def measured(self, job: Job) -> Report:
-        case, replaces = self.case(), self.replaces
+        case, replaces, size = self.case(), self.replaces, self.discretisation
         with run_folder(case, job.folder, job.comm, resume=job.resume, overwrite=replaces) as changes:
             simulation = build(case, job.folder, job.comm, changes)
             if replaces and not job.resume:
@@ -148,11 +147,10 @@ class Compression(Single):
             exact = static_reference(simulation, case)
             outcome = simulation.run(resume=job.resume, progress=job.progress)
         lines = {KEY: ("statics", exact), "block_area_change_percent": ("incompressible", 0.0)}
-        title = "Compressed block, {elements} elements, {grid}$^2$ cells, {kernel}".format(
-            **self.discretisation
-        )
+        title = "Compressed block, {elements} elements, {grid}$^2$ cells, {kernel}".format(**size)
         simulation.pictures(outcome.state, title=title, references=lines)
-        q = job.comm.bcast(_quantities(job.folder, case) if job.comm.rank == 0 else None)
+        history = history_of(job.folder, job.comm)
+        q = late_numbers(history) | {"u_y_top_centre_swing_cm": float(np.ptp(history[KEY][late(history)]))}
         parameters, u_y = case_parameters(case), q[KEY]
         source = "mixed u-p statics, same mesh, this run"
         table = [row("u_y of the top centre", u_y, exact, source, unit="cm")]
@@ -164,7 +162,7 @@ class Compression(Single):
             row("largest J", q["J_max"], source="1 when incompressible"),
         ]
         return Report(
-            parameters=self.discretisation | parameters,
+            parameters=size | parameters,
             quantities=q,
             reference={KEY: exact},
             more={"relative_error": (u_y - exact) / abs(exact)},
@@ -184,12 +182,11 @@ class BlockSeries(GridStudy):
     probe = Probe(name="top_centre", body=0, at=TOP)
 
     def read(self) -> Values:
-        keys = {text: split_override(text)[0] for text in self.overrides}
-        plain = [text for text, key in keys.items() if "." not in key]
-        values = read_parameters(PARAMETERS, plain)
-        if "damping" not in keys.values():
+        plain, dotted = _split(self.overrides)
+        values = read_parameters(PARAMETERS, list(plain))
+        if "damping" not in plain.values():
             values.pop("damping")
-        return values | {key: text.partition("=")[2].strip() for text, key in keys.items() if "." in key}
+        return values | {key: text.partition("=")[2].strip() for text, key in dotted.items()}
 
     def check(self, values: Values) -> None:
         super().check(values)
@@ -215,13 +212,8 @@ class BlockSeries(GridStudy):
         return build(self.case_of(numerics), folder, comm)
 
     def quantities(self, history: History) -> dict[str, float]:
-        last = late(history)
-        return super().quantities(history) | {
-            "largest_change_percent": float(np.abs(history[self.change]).max()),
-            "area_change_percent": late_mean(history, self.change),
-            "J_min": float(history["block_J_min"][last].min()),
-            "J_max": float(history["block_J_max"][last].max()),
-        }
+        largest = float(np.abs(history[self.change]).max())
+        return super().quantities(history) | {"largest_change_percent": largest} | late_numbers(history)
 
     def incompressible(self, numerics: Numerics, comm: MPI.Comm) -> tuple[float, str]:
         return self.same_mesh(numerics, comm), "mixed u-p statics, finest mesh"
@@ -231,9 +223,15 @@ class BlockSeries(GridStudy):
         return static_reference(build(case, Path(), comm), case)
 
     def elsewhere(self) -> list[tuple[float | str, str]]:
-        return (
-            [(block_displacement(), "mixed elements, converged")] if self.published("traction", "c1") else []
-        )
+        converged: list[tuple[float | str, str]] = [(block_displacement(), "mixed elements, converged")]
+        return converged if self.published("traction", "c1") else []
+
+
+def _split(overrides: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Return overrides of the parameters and those of the whole case, each with its key."""
+    keys = {text: split_override(text)[0] for text in overrides}
+    one, whole = ({text: key for text, key in keys.items() if ("." in key) is dots} for dots in (False, True))
+    return one, whole
 
 
 def _raw_case(size: Mapping[str, Any], v: Values) -> dict[str, Any]:
@@ -292,17 +290,12 @@ def static_reference(simulation: Simulation, case: Case) -> float:
     return float(solution.displacement_at(TOP)[1])
 
 
-def _quantities(folder: Path, case: Case) -> dict[str, float]:
-    """Means over the last part of the run, and how much the displacement still moves there."""
-    history = {k: np.array(v) for k, v in read_history(folder / "history.csv").items()}
-    last = history["t_s"] >= (1.0 - AVERAGED) * case.time.t_end
-    u_y, area, low, high = (
-        history[key][last] for key in (KEY, "block_area_change_percent", "block_J_min", "block_J_max")
-    )
+def late_numbers(history: History) -> dict[str, float]:
+    """Return means and extremes over the last part of a run."""
+    last = late(history)
     return {
-        KEY: float(u_y.mean()),
-        "u_y_top_centre_swing_cm": float(np.ptp(u_y)),
-        "area_change_percent": float(area.mean()),
-        "J_min": float(low.min()),
-        "J_max": float(high.max()),
+        KEY: late_mean(history, KEY),
+        "area_change_percent": late_mean(history, "block_area_change_percent"),
+        "J_min": float(history["block_J_min"][last].min()),
+        "J_max": float(history["block_J_max"][last].max()),
     }

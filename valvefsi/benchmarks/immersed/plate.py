@@ -15,6 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,20 +34,12 @@ from valvefsi.benchmarks.immersed.plate_model import (
     own_deflection,
     place_of,
 )
-from valvefsi.benchmarks.immersed.plate_theory import (
-    ImmersedPlate,
-    immersed_wave,
-    kernel_wave,
-    slowing,
-)
+from valvefsi.benchmarks.immersed.plate_theory import ImmersedPlate, immersed_wave, kernel_wave, slowing
 from valvefsi.benchmarks.options import Values, option, quantities
 from valvefsi.benchmarks.results import Row, row
-from valvefsi.benchmarks.running import Columns, History, completed
+from valvefsi.benchmarks.running import Columns, History, completed, fixed_steps
 from valvefsi.coupling.kernels import BSPLINE, KERNELS
 from valvefsi.post.plots.plate import thin_plate
-from valvefsi.run.recording import Output
-from valvefsi.run.schedule import Schedule
-from valvefsi.run.simulation import Simulation
 from valvefsi.run.stable_step import measured_limit
 from valvefsi.solid.loads import Ramp
 from valvefsi.solid.structure import Structure
@@ -171,9 +164,8 @@ class Plate(Benchmark[Case, None]):
         along = np.abs((solid.X - discrete.middle(where)) @ where.along)
         middle = _mean_where(solid, along < 1e-6 * plate.length)
         ends = _mean_where(solid, along > (0.5 - 1e-6) * plate.length)
-        schedule = self._schedule(model, plate, 2.0 * math.pi / omega)
-        output = self._output(run, job, schedule, amplitude(solid, middle - ends, where.normal))
-        h = completed(Simulation(model, schedule, output), job)
+        follower = amplitude(solid, middle - ends, where.normal)
+        h, steps = self._march(run, job, model, follower, 2.0 * math.pi / omega)
         t, w = h["t_s"], h["amplitude_cm"]
         exact = incompressible_deflection(plate, load, job.comm)
         return {
@@ -181,7 +173,7 @@ class Plate(Benchmark[Case, None]):
             "over_own": float(w[-1] / own_deflection(plate, discrete, load, job.comm)),
             "closed_form": plate.yielding() * load / exact,
             "settling": float(w[-1] / np.interp(0.8 * t[-1], t, w) - 1.0),
-            "steps": schedule.num_steps,
+            "steps": steps,
             "history": {"t": (t / t[-1]).tolist(), "w": (w / exact).tolist()},
         }
 
@@ -190,10 +182,9 @@ class Plate(Benchmark[Case, None]):
         plate, discrete = self.theory(run), self.discrete
         exact = immersed_wave(plate)
         model, solid = model_of(plate, self.where(run), discrete, job.comm)
-        schedule = self._schedule(model, plate, 2.0 * math.pi / exact.imag)
-        initial, follower = self._released(run, model, solid, schedule.dt)
-        output = self._output(run, job, schedule, follower)
-        fit = decay(completed(Simulation(model, schedule, output, initial), job), exact)
+        chi, follower = self._released(run, solid)
+        h, steps = self._march(run, job, model, follower, 2.0 * math.pi / exact.imag, chi)
+        fit = decay(h, exact)
         ratio = fit.s.imag / exact.imag
         record = {
             "frequency_ratio": ratio,
@@ -203,7 +194,7 @@ class Plate(Benchmark[Case, None]):
             "rest": fit.rest,
             "misfit": fit.misfit,
             "dragged": (plate.thickness + 2.0 / plate.wave_number) * (ratio**-2 - 1.0) / discrete.h,
-            "steps": schedule.num_steps,
+            "steps": steps,
         }
         if KERNELS[self.kernel][0] == BSPLINE:
             edge = plate.length / discrete.elements(plate)
@@ -213,35 +204,40 @@ class Plate(Benchmark[Case, None]):
             record |= {f"slowing_{name}": factor for name, factor in asdict(parts).items()}
         return record
 
-    def _released(
-        self, run: Case, model: fsi.Model, solid: Structure, dt: float
-    ) -> tuple[fsi.State, Columns]:
-        """Return a plate at rest, bent to a wave without shear, and what follows the wave (collective)."""
+    def _released(self, run: Case, solid: Structure) -> tuple[Array, Columns]:
+        """Return the nodes of a plate bent to a wave without shear [cm], and what follows the wave (collective)."""
         plate, where, h = self.theory(run), self.where(run), self.values["h"]
         k, X = plate.wave_number, solid.X - self.discrete.middle(where)
         shape = np.cos(k * X[:, 0])
         bend = np.stack([k * np.sin(k * X[:, 0]) * X[:, 2], 0.0 * shape, shape], axis=1)
-        chi = solid.X + self.values["deflection"] * h * bend
         weights = solid.weights * shape
         weights /= solid.comm.allreduce(weights @ shape)
-        state = replace(fsi.initial_state(model, dt), bodies=({"chi": chi},))
-        return state, amplitude(solid, weights, where.normal)
+        chi = solid.X + self.values["deflection"] * h * bend
+        return chi, amplitude(solid, weights, where.normal)
 
-    def _schedule(self, model: fsi.Model, plate: ImmersedPlate, period: float) -> Schedule:
-        """Return some periods of steps that are a part of the largest stable one (collective)."""
+    def _march(
+        self,
+        run: Case,
+        job: Job,
+        model: fsi.Model,
+        follower: Columns,
+        period: float,
+        chi: Array | None = None,
+    ) -> tuple[History, int]:
+        """Run some periods from rest, the nodes at chi, in steps that are a part of the largest stable one.
+
+        Returns:
+            The history and the number of steps (collective).
+        """
         v = self.values
-        limit = measured_limit(model, v["h"] * math.sqrt(plate.rho / plate.modulus), 0)
+        limit = measured_limit(model, v["h"] * math.sqrt(v["rho"] / v["modulus"]), 0)
         steps = math.ceil(v["periods"] * max(period / (v["step"] * limit), SMOOTH))
-        t_end = v["periods"] * period
-        return Schedule(dt=t_end / steps, t_end=t_end, cfl_max=np.inf)
-
-    def _output(self, run: Case, job: Job, schedule: Schedule, follower: Columns) -> Output:
-        return Output(
-            directory=job.folder,
-            history_every=max(1, schedule.num_steps // 500),
-            observers=(follower,),
-            provenance=self.values_of(run),
-        )
+        dt = v["periods"] * period / steps
+        state = None if chi is None else replace(fsi.initial_state(model, dt), bodies=({"chi": chi},))
+        more: dict[str, Any] = {"observers": (follower,), "provenance": self.values_of(run)}
+        return completed(
+            fixed_steps(model, job.folder, dt, steps, rows=500, initial=state, **more), job
+        ), steps
 
     def report(self, records: Sequence[Record], reference: None) -> Report:
         options = ("length", "element", "kernel", "ratio", "layers", "angle")

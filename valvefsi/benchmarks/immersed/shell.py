@@ -203,7 +203,7 @@ def _by_series(records: Sequence[Record]) -> dict[str, list[Record]]:
 def _at_rest(
     n: int, values: Values, comm: MPI.Comm, body_in: Callable[[NavierStokes], Elastic]
 ) -> tuple[MacGrid, fsi.State, Array, Array]:
-    """Run a body from rest to the end; return grid, state, and distance from the centre and pressure in the cells."""
+    """Run a body from rest to the end; return grid, state, distance from the centre and pressure, of mean zero."""
     grid = MacGrid([0, 0], [1, 1], [n, n], [False, False], comm)
     fluid = NavierStokes(grid, Boundary(grid), rho=values["rho"], mu=values["mu"])
     model = fsi.Model(grid=grid, fluid=fluid, bodies=(body_in(fluid),))
@@ -212,16 +212,11 @@ def _at_rest(
     state = fsi.initial_state(model, dt)
     for _ in range(steps):
         state = fsi.step(model, state, dt)
-    return grid, state, *_in_cells(grid, state)
-
-
-def _in_cells(grid: MacGrid, state: fsi.State) -> tuple[Array, Array]:
-    """Return distance from the centre and pressure, its mean zero, in this rank's cells."""
     x, y, _ = grid.points()
     r = np.broadcast_to(np.hypot(x - CENTRE[0], y - CENTRE[1]), grid.shape)[grid.owned].ravel()
     p = state.p[grid.owned].ravel()
-    count = grid.comm.allreduce(p.size)
-    return r, p - grid.comm.allreduce(p.sum()) / count
+    mean = comm.allreduce(p.sum()) / comm.allreduce(p.size)
+    return grid, state, r, p - mean
 
 
 def shell_at_rest(numerics: Numerics, values: Values, comm: MPI.Comm) -> dict[str, float]:

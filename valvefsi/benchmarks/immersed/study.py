@@ -1,8 +1,9 @@
-"""A grid study of an immersed problem, stabilised and not: how it is coupled, runs, table, observed order, picture."""
+"""What immersed benchmarks share: their coupling, grid studies (stabilised and not), flows past flexible bodies."""
 
 from __future__ import annotations
 
 import math
+import time
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -11,10 +12,10 @@ from typing import Any, ClassVar
 
 from mpi4py import MPI
 
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
 from valvefsi.benchmarks.options import Values, option
 from valvefsi.benchmarks.results import Row, order_row, row
-from valvefsi.benchmarks.running import History, attempt, fixed_steps, late_mean, late_size
+from valvefsi.benchmarks.running import History, Sights, attempt, fixed_steps, late_mean, late_size
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.coupling.elemental import ElementalCoupling
 from valvefsi.coupling.kernels import KERNELS
@@ -181,9 +182,9 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
     def references(self, comm: MPI.Comm) -> Incompressible:
         runs = self.runs()
         value, source = self.incompressible(runs[-1], comm)
-        same = {run.grid: self.same_mesh(run, comm) for run in runs}
-        computed = {grid: one for grid, one in same.items() if one is not None}
-        return Incompressible(value=value, source=source, same_mesh=computed)
+        grids = {run.grid: run for run in runs}.items()
+        same = {grid: one for grid, run in grids if (one := self.same_mesh(run, comm)) is not None}
+        return Incompressible(value=value, source=source, same_mesh=same)
 
     def one(self, run: Numerics, job: Job) -> Record:
         simulation = self.simulation(run, job.folder, job.comm)
@@ -205,17 +206,12 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         for value, source in self.elsewhere():
             table.append(row(f"{self.main}, elsewhere", value, source=source, unit="cm"))
         for kind in KINDS:
-            table += self._orders(
-                [r for r in series if is_stabilised(r) is kind], KINDS[kind], reference.value
-            )
+            table += self._orders(_of_kind(series, kind), KINDS[kind], reference.value)
         return Report(
             parameters=self.values | {"refine": self.refine, "stabilised": self.stabilised},
             quantities={Numerics(**r["numerics"]).name: r["quantities"] for r in records},
-            reference={
-                self.key: reference.value,
-                "source": reference.source,
-                "same_mesh": reference.same_mesh,
-            },
+            reference={self.key: reference.value}
+            | {k: getattr(reference, k) for k in ("source", "same_mesh")},
             more={"runs": [public(r, "history") for r in records]},
             table=table + self._gain(series),
         )
@@ -225,23 +221,16 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
         if record["failed"]:
             return [row(name, "broke down", source=record["failed"][:70])]
         lines = [row(name, q[self.key], reference.value, reference.source, unit="cm")]
-        names = {
-            f"  {self.measure} change": "change_percent",
-            "  the most during the run": "largest_change_percent",
-        }
-        lines += [
-            row(name, q[key], 0.0, "incompressible", unit="%", relative=False)
-            for name, key in names.items()
-            if key in q
-        ]
+        names = (f"  {self.measure} change", "  the most during the run")
+        for name, key in zip(names, ("change_percent", "largest_change_percent"), strict=True):
+            if key in q:
+                lines.append(row(name, q[key], 0.0, "incompressible", unit="%", relative=False))
         return [*lines, row("  J, smallest ... largest", f"{q['J_min']:.2f} ... {q['J_max']:.2f}")]
 
     def _orders(self, series: Sequence[Record], kind: str, exact: float) -> list[Row]:
         ratios, lines = ratios_of([r["numerics"]["grid"] for r in series]), []
-        for label, key, limit in (
-            (self.main, self.key, exact),
-            (f"{self.measure} change", "change_percent", 0.0),
-        ):
+        compared = (self.main, self.key, exact), (f"{self.measure} change", "change_percent", 0.0)
+        for label, key, limit in compared:
             values, source = [r["quantities"][key] for r in series], "last two grids"
             lines += order_row(f"observed order, {label}, {kind}", values, ratios, exact=limit, source=source)
         return lines
@@ -249,11 +238,7 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
     def _gain(self, series: Sequence[Record]) -> list[Row]:
         """How many times smaller the change of volume is with the stabilisation, grid by grid."""
         free, stabilised = (
-            {
-                r["numerics"]["grid"]: r["quantities"]["change_percent"]
-                for r in series
-                if is_stabilised(r) is kind
-            }
+            {r["numerics"]["grid"]: r["quantities"]["change_percent"] for r in _of_kind(series, kind)}
             for kind in (False, True)
         )
         name = f"{self.measure} change, not stabilised / stabilised, N = {{}}"
@@ -261,11 +246,20 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
 
     def draw(self, records: Sequence[Record], reference: Incompressible, out: Path) -> None:
         name, change = f"{self.main} [cm]", f"{self.measure} change"
-        same = {"reference": reference.value, "reference_label": "incompressible statics", "ylabel": name}
-        time = _over_time(records, self.key), _over_time(records, self.change, labels=False)
+        same: dict[str, Any] = {"reference": reference.value, "ylabel": name}
+        same["reference_label"] = "incompressible statics"
+        lines: dict[str, list[Line]] = {self.key: [], self.change: []}
+        grids = sorted({r["numerics"]["grid"] for r in records})
+        for r in records:
+            style: dict[str, Any] = {
+                "colour": grids.index(r["numerics"]["grid"]),
+                "style": "-" if is_stabilised(r) else "--",
+            }
+            for (column, own), label in zip(lines.items(), (_label(r), ""), strict=True):
+                own.append(Line(label=label, x=r["history"]["t_s"], y=r["history"][column], **style))
         parts = [
-            Panel(lines=time[0], xlabel="t [s]", **same),  # type: ignore[arg-type]
-            Panel(lines=time[1], xlabel="t [s]", ylabel=f"{change} [%]", reference=0.0),
+            Panel(lines=lines[self.key], xlabel="t [s]", **same),
+            Panel(lines=lines[self.change], xlabel="t [s]", ylabel=f"{change} [%]", reference=0.0),
         ]
         if self.refine:
             main, size = (_over_grids(records, key) for key in (self.key, "change_percent"))
@@ -273,7 +267,7 @@ class GridStudy(Benchmark[Numerics, Incompressible]):
                 x, y = list(reference.same_mesh), list(reference.same_mesh.values())
                 main.append(Line(label="mixed elements, same mesh", x=x, y=y, colour=2, style="^:"))
             parts += [
-                Panel(lines=main, xlabel="cells N", log="x", **same),  # type: ignore[arg-type]
+                Panel(lines=main, xlabel="cells N", log="x", **same),
                 Panel(lines=size, xlabel="cells N", ylabel=f"size of the {change} at the end [%]", log="xy"),
             ]
         n = records[0]["numerics"]
@@ -312,30 +306,85 @@ def is_stabilised(record: Record) -> bool:
     return record["numerics"]["nu_stab"] is not None
 
 
+def _of_kind(records: Sequence[Record], kind: bool) -> list[Record]:
+    return [record for record in records if is_stabilised(record) is kind]
+
+
 def _label(record: Record) -> str:
     return f"N = {record['numerics']['grid']}, {KINDS[is_stabilised(record)]}"
-
-
-def _over_time(records: Sequence[Record], column: str, *, labels: bool = True) -> list[Line]:
-    grids = sorted({r["numerics"]["grid"] for r in records})
-    return [
-        Line(
-            label=_label(r) if labels else "",
-            x=r["history"]["t_s"],
-            y=r["history"][column],
-            colour=grids.index(r["numerics"]["grid"]),
-            style="-" if is_stabilised(r) else "--",
-        )
-        for r in records
-    ]
 
 
 def _over_grids(records: Sequence[Record], key: str) -> list[Line]:
     """Return a quantity over the cells, one line for each kind of run."""
     lines = []
     for colour, (kind, text) in enumerate(KINDS.items()):
-        series = [r for r in records if is_stabilised(r) is kind and not r["failed"]]
+        series = [r for r in _of_kind(records, kind) if not r["failed"]]
         x, y = [r["numerics"]["grid"] for r in series], [r["quantities"][key] for r in series]
         if series:
             lines.append(Line(label=text, x=x, y=y, colour=colour, style="o-" if kind else "s--"))
     return lines
+
+
+REFINEMENT = 1.5
+"""Ratio of successive grids of a `Flexible` benchmark."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flexible(Benchmark[int, None]):
+    """A flow past a flexible body, on one grid or on several, each 1.5 times as fine as the one before."""
+
+    resumable = True
+
+    cells: int
+    t_end: float | None = option(None, "End of the run [s], as --set t_end.", between=(0.0, math.inf))
+    refine: int = option(0, "Number of finer grids, each 1.5 times as fine.", least=0, most=4)
+    kernel: str = option("bspline3", "Kernel of the coupling.", choices=tuple(KERNELS))
+
+    @abstractmethod
+    def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Sights, Record]:
+        """Return the simulation on one grid, what is kept for its pictures, what its record says of it (collective)."""
+
+    @abstractmethod
+    def read_off(self, h: History) -> Record:
+        """Return what a history says: ``quantities``, and more."""
+
+    @abstractmethod
+    def lines(self, r: Record) -> list[Row]:
+        """Return the lines of a run in the table."""
+
+    @abstractmethod
+    def pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[dict[str, Any]]) -> None:
+        """Draw a run (on rank 0)."""
+
+    def runs(self) -> list[int]:
+        return refined(self.cells, self.refine, REFINEMENT)
+
+    def place(self, run: int, out: Path) -> Path:
+        return out / f"N{run}"
+
+    def one(self, run: int, job: Job) -> Record:
+        begin = time.perf_counter()
+        simulation, sights, record = self.simulation(run, job.folder, job.comm)
+        end, model = attempt(simulation, job), simulation.model
+        if job.comm.rank == 0:
+            self.pictures(run, job.folder, end.history, [vars(s) for s in sights.snapshots])
+        record = {"cells": run, "grid": list(model.grid.cells[:2]), "dt": simulation.schedule.dt} | record
+        record |= {"nodes": model.bodies[0].num_points, "steps": int(end.history["step"][-1])}
+        record |= {"failed": end.failed, "step_ms": 1e3 * (time.perf_counter() - begin) / max(1, end.steps)}
+        return record | self.read_off(end.history)
+
+    def report(self, records: Sequence[Record], reference: None) -> Report:
+        return Report(
+            parameters=self.values | {"kernel": self.kernel},
+            quantities={r["cells"]: r["quantities"] for r in records},
+            more={"runs": [public(r) for r in records]},
+            table=[line for r in records for line in (*self._broken(r), *self.lines(r))],
+        )
+
+    def _broken(self, r: Record) -> list[Row]:
+        return [row(self.label(r["cells"]), "broke down", source=r["failed"][:90])] if r["failed"] else []
+
+
+def cost(r: Record) -> str:
+    """Return step and size of a run of a `Flexible` benchmark in words."""
+    return f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"

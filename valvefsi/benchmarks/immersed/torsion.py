@@ -21,13 +21,13 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.benchmarks.immersed.study import Numerics, SolidStudy
-from valvefsi.benchmarks.options import option, quantities
+from valvefsi.benchmarks.options import option, quantities, texts
 from valvefsi.benchmarks.running import History
-from valvefsi.benchmarks.statics.solids import column_rises
+from valvefsi.benchmarks.statics.solids import NAMES, StaticTorsion, column_rises
+from valvefsi.benchmarks.statics.study import Mesh
 from valvefsi.geometry.shapes import box
 from valvefsi.grid import MacGrid
 from valvefsi.run.recording import Probe
-from valvefsi.solid import statics
 from valvefsi.solid.loads import Ramp, Tether
 from valvefsi.solid.materials import MooneyRivlin
 from valvefsi.solid.moving_tether import MovingTether
@@ -60,11 +60,6 @@ class Torsion(SolidStudy):
 
     grid: int = option(12, "Cells along the box's width.", least=4)
 
-    @property
-    def material(self) -> MooneyRivlin:
-        """The material of the column."""
-        return MooneyRivlin(c1=self.values["c1"], c2=self.values["c2"])
-
     def solid(self, numerics: Numerics, comm: MPI.Comm) -> Structure:
         values = self.values
         across = max(2, 2 * round(0.5 / (numerics.ratio * WIDTH / numerics.grid)))
@@ -73,7 +68,7 @@ class Torsion(SolidStudy):
         stiffness, top = values["tether_stiffness"], ("x", "z")
         return Structure(
             box(comm, size=(1.0, 6.0, 1.0), elements=(across, 6 * across, across)),
-            self.material,
+            MooneyRivlin(c1=values["c1"], c2=values["c2"]),
             name="column",
             nu_stab=numerics.nu_stab,
             damping=values["damping"],
@@ -99,12 +94,6 @@ class Torsion(SolidStudy):
         same = values["c1"] == values["c2"]  # only their ratio matters
         if same and abs(nearest - part) < 1e-6:
             return table[nearest], "mixed Q2-Q1 elements, 4 x 24 x 4"
-        mesh = box(comm, size=(1.0, 6.0, 1.0), elements=(STATIC, 6 * STATIC, STATIC))
-        turn = rotation(values["angle"], axis=(0.0, 1.0, 0.0), through=TOP)
-        fixed = [
-            statics.Fixed(on=("y_lower",)),
-            statics.Fixed(on=("y_upper",), components=("x", "z"), value=turn),
-        ]
-        solution = statics.solve(mesh, self.material, fixed=fixed)
-        source = f"mixed Q2-Q1, {STATIC} x {6 * STATIC} x {STATIC}, this run"
-        return float(solution.displacement_at(TOP)[1]), source
+        static = StaticTorsion(overrides=texts(values, "c1", "c2", "angle"))
+        answer = static.solve(Mesh(cell="hexahedron", elements=STATIC), comm)
+        return answer.values[NAMES[-1]], f"mixed Q2-Q1, {STATIC} x {6 * STATIC} x {STATIC}, this run"

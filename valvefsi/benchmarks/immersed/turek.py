@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,17 +33,15 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks import references
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
+from valvefsi.benchmarks.frame import Record, Report
+from valvefsi.benchmarks.immersed.study import Flexible, cost
 from valvefsi.benchmarks.options import Values, changed, option, quantities, read_parameters, require
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import (
     Columns,
     History,
     Sights,
-    Snapshot,
-    attempt,
     fixed_steps,
-    flow_of,
     gathered,
     off_one,
     outline_of,
@@ -51,9 +49,9 @@ from valvefsi.benchmarks.running import (
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.heavy import Heavy
 from valvefsi.bodies.rigid import RigidSurface
-from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, Open, Wall
+from valvefsi.fluid.navier_stokes import stable_fluid
 from valvefsi.geometry.flow_shapes import flag as flag_mesh
 from valvefsi.grid import MacGrid
 from valvefsi.grid.grading import graded_edges
@@ -104,14 +102,6 @@ def channel(cells: int, comm: MPI.Comm) -> MacGrid:
     return MacGrid.graded([graded_edges(along), graded_edges(across)], [False, False], comm)
 
 
-def length_of_step(h: float, values: Values) -> float:
-    """Return the step: the share of the elastic limit, and a Courant number of 0.3 at 2.5 U [s]."""
-    c1 = plate_modulus(values)
-    wave = math.sqrt((kappa_stab(c1, values["nu_stab"]) + 4.0 / 3.0 * c1) / values["rho"])
-    elastic = 0.5 * values["ratio"] * h / (math.sqrt(2.0) * wave)
-    return min(values["share"] * elastic, 0.3 * h / (2.5 * values["U"]))
-
-
 def plate_modulus(values: Values) -> float:
     """Shear modulus of an incompressible plate as stiff as the published one [dyn/cm^2]."""
     return 0.5 * values["mu_s"] / (1.0 - values["nu"])
@@ -130,15 +120,15 @@ def inflow(values: Values) -> Callable[[Array, Array, Array, float], tuple[Array
 
 def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> tuple[fsi.Model, float]:
     """Return the model and the length of a step [s] (collective)."""
-    grid = channel(cells, comm)
-    h = THICKNESS / cells
-    dt, rho, mu = length_of_step(h, values), values["rho"], values["mu"]
+    grid, h, c1 = channel(cells, comm), THICKNESS / cells, plate_modulus(values)
+    rho, mu, size = values["rho"], values["mu"], values["ratio"] * h
+    wave = math.sqrt((kappa_stab(c1, values["nu_stab"]) + 4.0 / 3.0 * c1) / rho)
+    elastic = 0.5 * size / (math.sqrt(2.0) * wave)
+    dt = min(values["share"] * elastic, 0.3 * h / (2.5 * values["U"]))  # or a Courant number of 0.3 at 2.5 U
     hold = {"stiffness": values["hold"] * rho / dt**2, "damping": values["hold"] * rho / dt}
     flag = Structure(
-        flag_mesh(
-            comm, along=(ROOT, CLAMP, TIP), thickness=THICKNESS, centre=CENTRE[1], size=values["ratio"] * h
-        ),
-        NeoHookean(c1=plate_modulus(values)),
+        flag_mesh(comm, along=(ROOT, CLAMP, TIP), thickness=THICKNESS, centre=CENTRE[1], size=size),
+        NeoHookean(c1=c1),
         name="flag",
         nu_stab=values["nu_stab"],
         discretisation=Discretisation(degree=2),
@@ -152,7 +142,7 @@ def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> tuple[fsi.
     body = Heavy(flag, coupling, rho=rho, density=density) if density > rho else Elastic(flag, coupling)
     model = fsi.Model(
         grid=grid,
-        fluid=flow_of(grid, sides, dt, rho=rho, mu=mu, advection="xsppm7"),
+        fluid=stable_fluid(grid, sides, dt, rho=rho, mu=mu, advection="xsppm7"),
         bodies=(body, cylinder),
     )
     return model, dt
@@ -174,8 +164,8 @@ CASES = {
 PERIODS = {"fsi1": 0.5, "fsi2": 0.5, "fsi3": 1.0 / 5.3}
 """Published period of the flag, of FSI1 that of FSI2 [s]."""
 SOURCE = "Turek and Hron 2006"
-REFINEMENT, SAMPLES, SAVED = 1.5, 200, 400
-"""Ratio of successive grids, rows of the history in a published period, rows between checkpoints."""
+SAMPLES, SAVED = 200, 400
+"""Rows of the history in a published period, rows between checkpoints."""
 SIGNALS = {
     "ux": ("u_x_tip_cm", 10.0),
     "uy": ("u_y_tip_cm", 10.0),
@@ -187,11 +177,10 @@ LABELS = (("ux", "ux(A)", "mm"), ("uy", "uy(A)", "mm"), ("drag", "drag", "N/m"),
 PARTS = ("mean", "amplitude", "frequency")
 
 
-def published(case: str) -> dict[str, tuple[float, float, float]]:
+def published(case: str) -> dict[str, tuple[float, ...]]:
     """Return mean, amplitude and frequency of the displacement of A [mm] and the forces [N/m]; FSI1 is steady."""
     table = references.read("turek_hron2006")
-    rows = {signal: [table.value(part, case=case, signal=signal) for part in PARTS] for signal in SIGNALS}
-    return {signal: (mean, amplitude, frequency) for signal, (mean, amplitude, frequency) in rows.items()}
+    return {key: tuple(table.value(part, case=case, signal=key) for part in PARTS) for key in SIGNALS}
 
 
 def watch(model: fsi.Model, sights: Sights) -> Columns:
@@ -216,18 +205,14 @@ def watch(model: fsi.Model, sights: Sights) -> Columns:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TurekFsi(Benchmark[int, None]):
-    """The flag, on one grid or on several, each 1.5 times as fine as the one before."""
+class TurekFsi(Flexible):
+    """The flag, on one grid or on several."""
 
     name = "turek-fsi"
-    resumable = True
     parameters = PARAMETERS
 
     case: str = option("fsi3", "fsi1 (steady), fsi2 (a heavy flag) or fsi3.", choices=tuple(CASES))
     cells: int = option(4, "Cells across the flag.", least=2)
-    t_end: float | None = option(None, "End of the run [s], as --set t_end.", between=(0.0, math.inf))
-    refine: int = option(0, "Number of finer grids, each 1.5 times as fine.", least=0, most=4)
-    kernel: str = option("bspline3", "Kernel of the coupling.", choices=tuple(KERNELS))
 
     @property
     def folder(self) -> str:
@@ -248,16 +233,10 @@ class TurekFsi(Benchmark[int, None]):
         physical = CASES[self.case] | {key: PARAMETERS[key][0] for key in ("rho", "mu")}
         return all(self.values[key] == value for key, value in physical.items())
 
-    def runs(self) -> list[int]:
-        return refined(self.cells, self.refine, REFINEMENT)
-
     def label(self, run: int) -> str:
         return f"{self.case}, {run} cells across the flag"
 
-    def place(self, run: int, out: Path) -> Path:
-        return out / f"N{run}"
-
-    def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Sights]:
+    def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Sights, Record]:
         model, dt = build(cells, self.kernel, self.values, comm)
         period = PERIODS[self.case]
         physical = {key: value for key, value in self.values.items() if key != "t_end"}
@@ -277,50 +256,34 @@ class TurekFsi(Benchmark[int, None]):
             observers=(watch(model, sights),),
             provenance=physical | {"case": self.case, "cells": cells, "kernel": self.kernel},
         )
-        return simulation, sights
+        return simulation, sights, {"h": THICKNESS / cells, "points": model.bodies[1].num_points}
 
-    def one(self, run: int, job: Job) -> Record:
-        simulation, sights = self.simulation(run, job.folder, job.comm)
-        end = attempt(simulation, job)
-        if job.comm.rank == 0:
-            self._pictures(run, job.folder, end.history, sights.snapshots)
-        model, h = simulation.model, end.history
-        return {
-            "cells": run,
-            "grid": list(model.grid.cells[:2]),
-            "h": THICKNESS / run,
-            "nodes": model.bodies[0].num_points,
-            "points": model.bodies[1].num_points,
-            "dt": simulation.schedule.dt,
-            "steps": int(h["step"][-1]),
-            "failed": end.failed,
-            "quantities": {k: dict(zip(PARTS, q, strict=True)) for k, q in numbers(h).items()},
-            "clamp_mm": 10.0 * float(h["clamp_cm"].max()),
-            "J_off": off_one(h, "flag"),
+    def read_off(self, h: History) -> Record:
+        t, curves = signals(h)
+        periods = whole_periods(t, h["u_y_tip_cm"][1:]) if len(t) else None
+        quantities = {
+            key: dict(zip(PARTS, oscillation(t, x, periods) if len(t) else (math.nan,) * 3, strict=True))
+            for key, x in curves.items()
         }
+        clamp = 10.0 * float(h["clamp_cm"].max())
+        return {"quantities": quantities, "clamp_mm": clamp, "J_off": off_one(h, "flag")}
 
-    def _pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[Snapshot]) -> None:
+    def pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[dict[str, Any]]) -> None:
         name = f"{self.case.upper()}, {cells} cells across the flag, {self.kernel}"
-        expected, t = published(self.case) if self.comparable else {}, h["t_s"][1:]
-        signals = {key: factor * h[column][1:] for key, (column, factor) in SIGNALS.items()}
+        expected, (t, curves) = published(self.case) if self.comparable else {}, signals(h)
         if len(t):
-            histories(folder / "history.png", t, signals, expected, title=name)
+            histories(folder / "history.png", t, curves, expected, title=name)
         if snapshots:
             scale, body = 4.0 * self.values["U"] / RADIUS, (*CENTRE, RADIUS)
-            vorticity(folder / "vorticity.png", [vars(s) for s in snapshots], body, scale=scale, title=name)
+            vorticity(folder / "vorticity.png", snapshots, body, scale=scale, title=name)
 
     def report(self, records: Sequence[Record], reference: None) -> Report:
-        options = {"case": self.case, "kernel": self.kernel}
-        return Report(
-            parameters=self.values | options,
-            quantities={r["cells"]: r["quantities"] for r in records},
-            reference=published(self.case) | {"source": SOURCE},
-            more={"runs": [public(r) for r in records]},
-            table=[line for r in records for line in self._lines(r)],
-        )
+        report = super().report(records, None)
+        parameters = {**report.parameters, "case": self.case}
+        return replace(report, parameters=parameters, reference=published(self.case) | {"source": SOURCE})
 
-    def _lines(self, r: Record) -> list[Row]:
-        lines = [row(f"{r['cells']} cells", "broke down", source=r["failed"][:90])] if r["failed"] else []
+    def lines(self, r: Record) -> list[Row]:
+        lines = []
         for key, label, unit in LABELS:
             for what, value in zip(PARTS, published(self.case)[key], strict=True):
                 # A steady case has neither amplitude nor frequency, a mean that is next to nothing no per cent.
@@ -329,23 +292,17 @@ class TurekFsi(Benchmark[int, None]):
                 kind = {"unit": "1/s" if what == "frequency" else unit}
                 relative = what != "mean" or key == "drag"
                 lines.append(row(name, r["quantities"][key][what], *compared, **kind, relative=relative))
-        cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
         return [
             *lines,
             row("  largest displacement of the clamp", r["clamp_mm"], unit="mm"),
             row("  largest |J - 1|", r["J_off"], 0.0, "incompressible", relative=False),
-            row("  wall-clock time of this call", r["wall_s"], source=cost, unit="s"),
+            row("  wall-clock time of this call", r["wall_s"], source=cost(r), unit="s"),
         ]
 
 
-def numbers(h: History) -> dict[str, tuple[float, float, float]]:
-    """Mean, amplitude and frequency [1/s] of displacements [mm] and forces [N/m] of a history, its first row left out.
+def signals(h: History) -> tuple[Array, dict[str, Array]]:
+    """Return times [s], displacements [mm] and forces [N/m] of a history without its first row, ``(n,)`` each.
 
     The first row has no forces: they are means since the row before.
     """
-    t = h["t_s"][1:]
-    if len(t) < 1:
-        return dict.fromkeys(SIGNALS, (math.nan,) * 3)
-    periods = whole_periods(t, h["u_y_tip_cm"][1:])
-    signals = {key: factor * h[column][1:] for key, (column, factor) in SIGNALS.items()}
-    return {key: oscillation(t, signal, periods) for key, signal in signals.items()}
+    return h["t_s"][1:], {key: factor * h[column][1:] for key, (column, factor) in SIGNALS.items()}

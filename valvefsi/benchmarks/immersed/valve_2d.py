@@ -22,35 +22,33 @@ they are, which clamps the leaflets.
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks import references
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
+from valvefsi.benchmarks.frame import Record, Report
+from valvefsi.benchmarks.immersed.study import Flexible, cost
 from valvefsi.benchmarks.options import Values, option, quantities, require
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import (
+    Columns,
     History,
     Sights,
-    Snapshot,
-    attempt,
     fixed_steps,
     gathered,
     off_one,
     outline_of,
 )
 from valvefsi.bodies.elastic import Elastic
-from valvefsi.coupling.kernels import KERNELS
 from valvefsi.coupling.transfer import Coupling
 from valvefsi.fluid.boundary import Boundary, Open, Wall
-from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
+from valvefsi.fluid.navier_stokes import ExplicitViscosity, stable_fluid
 from valvefsi.geometry.flow_shapes import two_leaflets
 from valvefsi.geometry.mesh import SolidMesh
 from valvefsi.geometry.polygon_gap import gap
@@ -63,7 +61,7 @@ from valvefsi.run.simulation import Simulation
 from valvefsi.run.stable_step import measured_limit
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.structure import Discretisation, Structure
-from valvefsi.types import Array
+from valvefsi.types import Array, Indices
 
 LENGTH, HEIGHT, ROOT = 8.0, 1.61, 2.0
 """Length and height of the channel, and where the leaflets are [cm]."""
@@ -75,7 +73,8 @@ PARAMETERS = quantities("""
 """)
 """Default and unit; ``ratio`` is element length over h, ``share`` the step over the limit measured at rest."""
 SOURCE = "Kamensky et al. 2015, digitised"
-REFINEMENT, SAMPLES = 1.5, 600
+SAMPLES = 600
+"""Rows of the history that are wanted."""
 LARGEST = {"max_dx": "largest dx of the upper tip", "max_dy": "largest dy"}
 """What is compared, and its name in the table."""
 
@@ -95,7 +94,7 @@ def channel(cells: int, comm: MPI.Comm) -> MacGrid:
     return MacGrid.graded([graded_edges(along), graded_edges([(0.0, h), (HEIGHT, h)])], [False, False], comm)
 
 
-def solid_of(mesh: SolidMesh, values: Values, kernel: str) -> Structure:
+def solid_of(mesh: SolidMesh, values: Values) -> Structure:
     """Return the leaflets of a mesh, as stiff as the published plate (collective)."""
     plate = values["E"] / (1.0 - values["nu"] ** 2)
     quadratic = Discretisation(degree=2)
@@ -103,119 +102,87 @@ def solid_of(mesh: SolidMesh, values: Values, kernel: str) -> Structure:
     return Structure(mesh, material, name="leaflets", nu_stab=values["nu_stab"], discretisation=quadratic)
 
 
-@dataclass(frozen=True)
-class Built:
-    """A model, the length of a step and its limits [s]."""
-
-    model: fsi.Model
-    dt: float
-    limits: dict[str, float]
-
-
-def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> Built:
-    """Return the model on one grid (collective)."""
+def build(cells: int, kernel: str, values: Values, comm: MPI.Comm) -> tuple[fsi.Model, dict[str, float]]:
+    """Return the model on one grid and the limits of its step [s] (collective)."""
     grid = channel(cells, comm)
-    h, thickness, length = HEIGHT / cells, values["thickness"], values["length"]
-    elements = max(1, round(0.5 * thickness / h)), max(4, math.ceil(length / (values["ratio"] * h)))
-    solid = solid_of(
-        two_leaflets(comm, root=ROOT, height=HEIGHT, size=(thickness, length), elements=elements),
-        values,
-        kernel,
-    )
-    rho, mu, strength = values["rho"], values["mu"], values["inflow"]
+    h, size = HEIGHT / cells, (values["thickness"], values["length"])
+    elements = max(1, round(0.5 * size[0] / h)), max(4, math.ceil(size[1] / (values["ratio"] * h)))
+    mesh = two_leaflets(comm, root=ROOT, height=HEIGHT, size=size, elements=elements)
+    strength, physics = values["inflow"], {"rho": values["rho"], "mu": values["mu"]}
 
     def inflow(x: Array, y: Array, z: Array, t: float) -> tuple[Array, float]:
         return strength * (math.sin(2.0 * math.pi * t) + 1.1) * y * (HEIGHT - y) + 0.0 * x * z, 0.0
 
     sides = Boundary(grid, {"x_lower": Wall(velocity=inflow), "x_upper": Open()})
-    coupling = Coupling(grid, kernel, sides.signs)
-    explicit = ExplicitViscosity(grid, sides, rho=rho, mu=mu)
-    model = fsi.Model(grid=grid, fluid=explicit, bodies=(Elastic(solid, coupling),))
+    leaflets = Elastic(solid_of(mesh, values), Coupling(grid, kernel, sides.signs))
+    model = fsi.Model(grid=grid, fluid=ExplicitViscosity(grid, sides, **physics), bodies=(leaflets,))
     limits = {
         "leaflets, measured at rest": measured_limit(model, min(step_limits(model).values()), 0),
-        "viscosity, where explicit": ExplicitViscosity.limit(grid, rho=rho, mu=mu),
+        "viscosity, where explicit": ExplicitViscosity.limit(grid, **physics),
     }
-    dt = values["share"] * limits["leaflets, measured at rest"]
-    if 2.0 * dt >= limits["viscosity, where explicit"]:
-        fluid = NavierStokes(grid, sides, rho=rho, mu=mu)
-        model = fsi.Model(grid=grid, fluid=fluid, bodies=(Elastic(solid, coupling),))
-    return Built(model, dt, limits)
+    return replace(model, fluid=stable_fluid(grid, sides, step_of(limits, values), **physics)), limits
 
 
-class Leaflet:
-    """One of the leaflets among the nodes of the solid: its tip and its outline.
+def step_of(limits: Mapping[str, float], values: Values) -> float:
+    """Return the longest step that is taken [s]."""
+    return values["share"] * limits["leaflets, measured at rest"]
+
+
+class Leaflet(NamedTuple):
+    """Numbers of the nodes of one of the leaflets: all, the one in the middle of its tip, its outline in order."""
+
+    nodes: Indices
+    tip: int
+    outline: Indices
+
+
+def leaflet_of(X: Array, size: tuple[float, float], *, upper: bool) -> Leaflet:
+    """Return the leaflet that hangs from the upper wall, or stands on the lower one.
 
     Args:
         X: Reference positions of all nodes by number, ``(num_nodes, 3)`` [cm].
-        upper: Whether it hangs from the upper wall.
         size: Thickness and length [cm].
-
-    Attributes:
-        tip: Number of the node in the middle of its end.
-        nodes: Numbers of its nodes.
-        root: Numbers of the nodes at its root.
-        outline: Numbers of the nodes on its outline, in order.
+        upper: Which of them.
     """
-
-    def __init__(self, X: Array, upper: bool, size: tuple[float, float]) -> None:
-        thickness, length = size
-        self.nodes = np.flatnonzero((X[:, 1] > 0.5 * HEIGHT) == upper)
-        own = X[self.nodes]
-        height = HEIGHT - own[:, 1] if upper else own[:, 1]
-        aside = own[:, 0] - ROOT
-        self.tip = int(self.nodes[np.argmin(np.hypot(aside, height - length))])
-        self.root = self.nodes[height < height.min() + 1e-6]
-        self.outline = self.nodes[outline_of(height, aside, 0.5 * thickness, length)]
+    thickness, length = size
+    nodes = np.flatnonzero((X[:, 1] > 0.5 * HEIGHT) == upper)
+    height = HEIGHT - X[nodes, 1] if upper else X[nodes, 1]
+    aside = X[nodes, 0] - ROOT
+    tip = nodes[np.argmin(np.hypot(aside, height - length))]
+    return Leaflet(nodes, int(tip), nodes[outline_of(height, aside, 0.5 * thickness, length)])
 
 
-@dataclass
-class Watch:
-    """Sees tips, gap and the largest speed, and keeps the flow at some steps for a picture (collective).
+COLUMNS = ("upper_dx_cm", "upper_dy_cm", "lower_dx_cm", "lower_dy_cm", "gap_cm", "speed_cm_per_s")
 
-    Attributes:
-        model: The model of `build`.
-        size: Thickness and length of a leaflet [cm].
-        sights: Snapshots.
-    """
 
-    model: fsi.Model
-    size: tuple[float, float]
-    sights: Sights = field(default_factory=lambda: Sights([]))
-    columns = ("upper_dx_cm", "upper_dy_cm", "lower_dx_cm", "lower_dy_cm", "gap_cm", "speed_cm_per_s")
+def watch(model: fsi.Model, size: tuple[float, float], sights: Sights) -> Columns:
+    """Return what sees displacements of both tips, the gap and the largest speed, and keeps speed and outlines."""
+    body: Any = model.bodies[0]
+    grid, solid = model.grid, body.solid
+    X = gathered(solid, grid.comm, solid.X)
+    lower, upper = (leaflet_of(X, size, upper=which) for which in (False, True))
 
-    def __post_init__(self) -> None:
-        """Find the leaflets among the nodes."""
-        body: Any = self.model.bodies[0]
-        self.solid: Structure = body.solid
-        self.X = gathered(self.solid, self.model.grid.comm, self.solid.X)
-        self.lower, self.upper = (Leaflet(self.X, upper, self.size) for upper in (False, True))
+    def speed(state: fsi.State) -> Array:
+        return np.linalg.norm(diagnostics.cell_velocity(grid, state.u)[:, :, 0, :2], axis=2)
 
-    def row(self, state: fsi.State) -> dict[str, float]:
-        """Return displacements of both tips, the gap and the largest component of the velocity (collective)."""
-        chi = gathered(self.solid, self.model.grid.comm, state.bodies[0]["chi"])
-        tips = [*(chi - self.X)[self.upper.tip, :2], *(chi - self.X)[self.lower.tip, :2]]
-        outlines = [chi[leaflet.outline, :2] for leaflet in (self.lower, self.upper)]
-        speed, _ = diagnostics.fastest_place(self.model.grid, state.u)
-        self.sights.take(state, self.model.grid, lambda: (self._speed(state), outlines))
-        return dict(zip(self.columns, map(float, (*tips, gap(*outlines), speed)), strict=True))
+    def values(state: fsi.State) -> list[float]:
+        chi = gathered(solid, grid.comm, state.bodies[0]["chi"])
+        outlines = [chi[leaflet.outline, :2] for leaflet in (lower, upper)]
+        sights.take(state, grid, lambda: (speed(state), outlines))
+        tips = (chi - X)[[upper.tip, lower.tip], :2].ravel()
+        return [*tips, gap(*outlines), diagnostics.fastest_place(grid, state.u)[0]]
 
-    def _speed(self, state: fsi.State) -> Array:
-        velocity: Array = diagnostics.cell_velocity(self.model.grid, state.u)[:, :, 0, :2]
-        return np.linalg.norm(velocity, axis=2)
+    return Columns(COLUMNS, values)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Valve2D(Benchmark[int, None]):
-    """The leaflets, on one grid or on several, each 1.5 times as fine as the one before."""
+class Valve2D(Flexible):
+    """The leaflets, on one grid or on several."""
 
     name = "valve-2d"
-    resumable = True
     parameters = PARAMETERS
 
     cells: int = option(92, "Cells across the channel.", least=24)
-    t_end: float | None = option(None, "End of the run [s], as --set t_end.", between=(0.0, math.inf))
-    refine: int = option(0, "Number of finer grids, each 1.5 times as fine.", least=0, most=4)
-    kernel: str = option("bspline3", "Kernel of the coupling.", choices=tuple(KERNELS))
 
     def check(self, values: Values) -> None:
         require(values["nu"] < 0.5, "expected below 0.5", values, "nu")
@@ -227,85 +194,49 @@ class Valve2D(Benchmark[int, None]):
         physical = [key for key in PARAMETERS if key not in ("nu_stab", "ratio", "share", "t_end")]
         return self.values["t_end"] >= 1.0 and self.published(*physical)
 
-    def runs(self) -> list[int]:
-        return refined(self.cells, self.refine, REFINEMENT)
-
     def label(self, run: int) -> str:
         return f"N = {run}"
 
-    def place(self, run: int, out: Path) -> Path:
-        return out / f"N{run}"
+    def simulation(self, cells: int, folder: Path, comm: MPI.Comm) -> tuple[Simulation, Sights, Record]:
+        t_end, (model, limits) = self.values["t_end"], build(cells, self.kernel, self.values, comm)
+        longest = step_of(limits, self.values)
+        steps = max(3, math.ceil(t_end / longest))
+        sights = Sights([min(steps, round(t / t_end * steps)) for t in snapshot_times(t_end)])
+        observers = (watch(model, (self.values["thickness"], self.values["length"]), sights),)
+        more: dict[str, Any] = {"observers": observers, "provenance": self.values | {"kernel": self.kernel}}
+        simulation = fixed_steps(model, folder, t_end / steps, steps, rows=SAMPLES, **more)
+        spacing = [float(h) for h in model.grid.spacing[:2]]
+        return simulation, sights, {"spacing": spacing, "dt": longest, "limits": limits}
 
-    def simulation(self, built: Built, job: Job) -> tuple[Simulation, Watch]:
-        t_end = self.values["t_end"]
-        steps = max(3, math.ceil(t_end / built.dt))
-        dt, size = t_end / steps, (self.values["thickness"], self.values["length"])
-        due = [min(steps, round(t / dt)) for t in snapshot_times(t_end)]
-        watch = Watch(built.model, size, Sights(due))
-        simulation = fixed_steps(
-            built.model,
-            job.folder,
-            dt,
-            steps,
-            rows=SAMPLES,
-            observers=(watch,),
-            provenance=self.values | {"kernel": self.kernel},
-        )
-        return simulation, watch
+    def read_off(self, h: History) -> Record:
+        return {"quantities": numbers(h)}
 
-    def one(self, run: int, job: Job) -> Record:
-        begin, built = time.perf_counter(), build(run, self.kernel, self.values, job.comm)
-        simulation, watch = self.simulation(built, job)
-        end = attempt(simulation, job)
-        grid, steps = built.model.grid, int(end.history["step"][-1])
-        if job.comm.rank == 0:
-            self._pictures(run, job.folder, end.history, watch.sights.snapshots)
-        return {
-            "cells": run,
-            "grid": list(grid.cells[:2]),
-            "spacing": [float(h) for h in grid.spacing[:2]],
-            "nodes": built.model.bodies[0].num_points,
-            "dt": built.dt,
-            "limits": built.limits,
-            "steps": steps,
-            "failed": end.failed,
-            "quantities": numbers(end.history),
-            "step_ms": 1e3 * (time.perf_counter() - begin) / max(1, end.steps),
-        }
-
-    def _pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[Snapshot]) -> None:
+    def pictures(self, cells: int, folder: Path, h: History, snapshots: Sequence[dict[str, Any]]) -> None:
         name = f"Two leaflets in a channel, {cells} cells across, {self.kernel}"
-        curves = {key.removesuffix("_cm"): h[key] for key in Watch.columns} | {"t": h["t_s"]}
+        curves = {key.removesuffix("_cm"): h[key] for key in COLUMNS} | {"t": h["t_s"]}
         tips(folder / "tips.png", curves, published(), name)
         if snapshots:
-            in_the_flow(folder / "flow.png", [vars(s) for s in snapshots], title=name)
+            in_the_flow(folder / "flow.png", snapshots, title=name)
 
     def report(self, records: Sequence[Record], reference: None) -> Report:
-        options = {"kernel": self.kernel, "grids": self.runs()}
         codes = {key: {"value": value, "range": band} for key, (value, band) in published().items()}
-        return Report(
-            parameters=self.values | options,
-            quantities={r["cells"]: r["quantities"] for r in records},
-            reference=codes | {"source": SOURCE},
-            more={"runs": [public(r) for r in records]},
-            table=[line for r in records for line in self._lines(r)],
-        )
+        report = super().report(records, None)
+        parameters = {**report.parameters, "grids": self.runs()}
+        return replace(report, parameters=parameters, reference=codes | {"source": SOURCE})
 
-    def _lines(self, r: Record) -> list[Row]:
-        q, name = r["quantities"], f"N = {r['cells']}"
-        lines = [row(name, "broke down", source=r["failed"][:90])] if r["failed"] else []
+    def lines(self, r: Record) -> list[Row]:
+        q, name, lines = r["quantities"], f"N = {r['cells']}", []
         for key, (value, (low, high)) in published().items():
             codes = (value, f"{SOURCE}; over codes {low} ... {high}") if self.comparable else (None, "")
             lines.append(row(f"{LARGEST[key]}, {name}", q[key], *codes, unit="cm"))
         still: dict[str, Any] = {"reference": 0.0, "source": "incompressible", "relative": False}
-        cost = f"dt = {r['dt']:.3g} s, {r['steps']} steps, {r['grid'][0]} x {r['grid'][1]} cells"
         return [
             *lines,
             row("  smallest gap between the leaflets", q["smallest_gap"], unit="cm"),
             row("  largest difference of the mirrored tips", q["asymmetry"], unit="cm"),
             row("  relative change of area", q["area_change"], **still),
             row("  largest |J - 1|", q["largest_J_off"], **still),
-            row("  time of a step", r["step_ms"], source=cost, unit="ms"),
+            row("  time of a step", r["step_ms"], source=cost(r), unit="ms"),
         ]
 
 

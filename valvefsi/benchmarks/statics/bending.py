@@ -309,9 +309,7 @@ def energy_of(
         quadratic = Discretisation(degree=2, quadrature_degree=QUADRATURE)
         solid = Structure(mesh, material, nu_stab=None, discretisation=quadratic)
     position = solid.elasticity.position
-    position.interpolate(
-        solution.displacement
-    )  # the spaces of statics may number their nodes in another order
+    position.interpolate(solution.displacement)  # statics may number its nodes in another order
     return solid.energy(solid.X + position.x.array.reshape(-1, 3)[: len(solid.X)])
 
 

@@ -42,35 +42,32 @@ def material_of(values: Values) -> HGO:
     return HGO(c10=values["c10"], c01=values["c01"], families=(family,))
 
 
-def slopes(values: Values, I1: float, I4: float) -> tuple[float, float]:
-    """Return dW/dI1 and dW/dI4 of the material at J = 1 [dyn/cm^2]."""
-    k1, k2, kappa = values["k1"], values["k2"], values["kappa"]
-    E = kappa * I1 + (1 - 3 * kappa) * max(I4, 1.0) - 1
-    fibre = k1 * E * math.exp(k2 * E * E)
-    matrix = values["c10"] * values["c01"] * math.exp(values["c01"] * (I1 - 3))
-    return matrix + kappa * fibre, (1 - 3 * kappa) * fibre if I4 > 1 else 0.0
-
-
 def sheet_stress(values: Values, stretches: Sequence[float]) -> tuple[float, float]:
-    """Return S_11 and S_22 of an incompressible sheet, the fibres along 1 (S1-S3) [dyn/cm^2]."""
+    """Return S_11 and S_22 of an incompressible sheet, the fibres along 1 (S1-S3) [dyn/cm^2].
+
+    S = 2 (W1 + W4 a (x) a) - p C^-1, W1 = dW/dI1 and W4 = dW/dI4 at J = 1, p such that S_33 = 0.
+    """
     C = np.array([stretches[0] ** 2, stretches[1] ** 2, 1 / (stretches[0] * stretches[1]) ** 2])
-    W1, W4 = slopes(values, C.sum(), C[0])
-    deviatoric = 2 * np.array([W1 + W4, W1, W1])
-    p = deviatoric[2] * C[2]
-    S = deviatoric - p / C
+    I1, kappa = C.sum(), values["kappa"]
+    E = kappa * I1 + (1 - 3 * kappa) * max(C[0], 1.0) - 1
+    fibre = values["k1"] * E * math.exp(values["k2"] * E * E)
+    W1 = values["c10"] * values["c01"] * math.exp(values["c01"] * (I1 - 3)) + kappa * fibre
+    W4 = (1 - 3 * kappa) * fibre if C[0] > 1 else 0.0
+    S = 2 * np.array([W1 + W4, W1]) - 2 * W1 * C[2] / C[:2]
     return float(S[0]), float(S[1])
 
 
 def ring_pressure(values: Values, growth: float) -> float:
-    """Return the pressure of a ring whose inner radius grows by ``growth`` [dyn/cm^2]."""
+    """Return the pressure of a ring whose inner radius grows by ``growth`` [dyn/cm^2].
+
+    Around and along the ring it is a sheet of stretches (l, 1), so that s_theta - s_r = l^2 S_11.
+    """
     A, B = values["inner"], values["outer"]
     c = (A + growth) ** 2 - A**2
 
     def integrand(R: float) -> float:
         stretch = math.sqrt(R * R + c) / R
-        W1, W4 = slopes(values, stretch**2 + stretch**-2 + 1, stretch**2)
-        difference = 2 * W1 * (stretch**2 - stretch**-2) + 2 * W4 * stretch**2
-        return difference * R / (R * R + c)  # dr/r = R dR/r^2
+        return stretch**2 * sheet_stress(values, (stretch, 1.0))[0] * R / (R * R + c)  # dr/r = R dR/r^2
 
     return quad(integrand, A, B, epsabs=0.0, epsrel=1e-12)[0]
 
@@ -111,7 +108,7 @@ class Flat(Static):
         answer = dict(zip(self.units, sizes, strict=True))
         return answer_of(solution, material, answer, fibres=body.fibres, fibre="fibre")
 
-    def compared_with(self) -> References:
+    def references(self, comm: MPI.Comm) -> References:
         one, two = self.values["stretch_1"], self.values["stretch_2"]
         pairs = zip(self.units, (one, two, 1 / (one * two)), strict=True)
         return {name: [Reference(value=v, source="sheet, S1-S3", exact=True)] for name, v in pairs}
@@ -139,7 +136,7 @@ class Ring(Static):
         u = solution.displacement_at((self.values["inner"], 0.0))
         return answer_of(solution, material, {"u_r_inner_cm": float(u[0])}, fibres=body.fibres, fibre="fibre")
 
-    def compared_with(self) -> References:
+    def references(self, comm: MPI.Comm) -> References:
         growth = ring_growth(self.values)
         return {"u_r_inner_cm": [Reference(value=growth, source="r^2 = R^2 + c, quadrature", exact=True)]}
 

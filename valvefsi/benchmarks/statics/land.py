@@ -66,7 +66,7 @@ class Beam(Static):
         z = 0.1 + float(solution.displacement_at((1.0, 0.05, 0.1))[2])
         return answer_of(solution, material, {"z_tip_mm": 10 * z}, fibres=body.fibres, fibre="fibre")
 
-    def compared_with(self) -> References:
+    def references(self, comm: MPI.Comm) -> References:
         compared = {"z_tip_mm": [Reference(band=beam_band(), source="Land 2015, second-hand")]}
         return compared if self.published() else {}
 

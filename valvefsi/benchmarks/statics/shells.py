@@ -17,25 +17,22 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from mpi4py import MPI
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
-from valvefsi.benchmarks.frame import Result
 from valvefsi.benchmarks.options import option
 from valvefsi.benchmarks.references import read
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, StaticParts, body_of
 from valvefsi.geometry.shapes import box
-from valvefsi.solid import loads as solid_loads
 from valvefsi.solid import statics
-from valvefsi.solid.loads import DeadLoad, PointLoad
+from valvefsi.solid.loads import DeadLoad, PointLoad, Tether
 from valvefsi.solid.materials import SaintVenantKirchhoff
 from valvefsi.solid.statics import Fixed, SolidShell
 from valvefsi.solid.structure_stress import stress_of_equilibrium
+from valvefsi.verification.closed_forms import elastica
 
 if TYPE_CHECKING:
     from valvefsi.types import Array
@@ -46,28 +43,6 @@ SOURCES = {
 }
 """Where a published number was read."""
 QUARTER = math.pi / 2
-
-
-def elastica(force: float, length: float, stiffness: float) -> tuple[float, float]:
-    """Return how far the end of a clamped beam comes back and sinks under a dead force across it.
-
-        B theta' = M,  M' = -P cos theta,  x' = cos theta,  z' = sin theta
-
-    Args:
-        force: Force P [dyn].
-        length: Length [cm].
-        stiffness: Bending stiffness B [dyn cm^2].
-    """
-
-    def end(moment: float) -> Array:
-        def rates(_: float, y: Array) -> list[float]:
-            return [y[1] / stiffness, -force * math.cos(y[0]), math.cos(y[0]), math.sin(y[0])]
-
-        return np.asarray(solve_ivp(rates, (0, length), [0, moment, 0, 0], rtol=1e-11, atol=1e-12).y[:, -1])
-
-    moment = brentq(lambda M: end(M)[1], 0.0, force * length, xtol=1e-12)
-    _, _, x, z = end(moment)
-    return length - float(x), float(z)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +59,7 @@ class Setting:
     fixed: Sequence[Fixed]
     loads: Sequence[DeadLoad | PointLoad]
     points: Array
-    tethers: Sequence[solid_loads.Tether] = ()
+    tethers: Sequence[Tether] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +122,7 @@ class ThinShell(Static):
             body=body_of(stress_of_equilibrium(solution, body, self.material, SolidShell())),
         )
 
-    def compared_with(self) -> References:
+    def references(self, comm: MPI.Comm) -> References:
         table, case = read("sze2004"), self.name.removeprefix("shells-")
         rows = {row["quantity"]: row for row in table.rows if row["case"] == case}
         return {
@@ -179,10 +154,10 @@ class Cantilever(ThinShell):
     def read_off(self, u: Array) -> Sequence[float]:
         return -u[0, 0], u[0, 2]
 
-    def compared_with(self) -> References:
+    def references(self, comm: MPI.Comm) -> References:
         length, width, thickness = self.size
         values = elastica(self.force, length, self.young * width * thickness**3 / 12)
-        table = super().compared_with()
+        table = super().references(comm)
         return {
             name: [*table[name], Reference(value=value, source="elastica")]
             for name, value in zip(self.units, values, strict=True)
@@ -196,11 +171,8 @@ class SlitRing(ThinShell):
     name = "shells-slit-ring"
     title = "Slit ring, lifted at the slit"
     units = {"lift_inner": ("", "w inside"), "lift_outer": ("", "w outside")}
-    size, young, poisson = (
-        (2 * math.pi - 1e-5, 4.0, 0.03),
-        21e6,
-        0.0,
-    )  # so that the sides of the slit do not touch
+    # A little less than all the way round, so that the sides of the slit do not touch.
+    size, young, poisson = (2 * math.pi - 1e-5, 4.0, 0.03), 21e6, 0.0
     counts, coarsest = (40, 5), 5
     inner: ClassVar[float] = 6.0
     lift: ClassVar[float] = 0.8
@@ -212,9 +184,7 @@ class SlitRing(ThinShell):
     def setting(self) -> Setting:
         load = DeadLoad(on=("x_upper",), traction=(0.0, 0.0, self.lift / self.size[2]))
         turn, width, near = self.size[0] - 1e-6, self.size[1], 1e-5
-        corners = np.array(
-            [[turn, near, 0.0], [turn, width - near, 0.0]]
-        )  # inside the flat sides of the elements
+        corners = np.array([[turn, near, 0.0], [turn, width - near, 0.0]])  # inside the flat sides
         return Setting(fixed=[Fixed(on=("x_lower",))], loads=[load], points=self.shape(corners))
 
     def read_off(self, u: Array) -> Sequence[float]:
@@ -248,9 +218,8 @@ class Hemisphere(ThinShell):
                 PointLoad(at=tuple((0.0, r, 0.0) for r in radii), force=(0.0, -half, 0.0)),
             ],
             points=self.radius * np.eye(3)[:2] + 1e-7,
-            tethers=[
-                solid_loads.Tether(components=("z",), stiffness=1e-3)
-            ],  # so weak that it only keeps the shell from floating
+            # so weak that it only keeps the shell from floating
+            tethers=[Tether(components=("z",), stiffness=1e-3)],
         )
 
     def read_off(self, u: Array) -> Sequence[float]:
@@ -304,6 +273,3 @@ class Shells(StaticParts):
         "hemisphere": Hemisphere,
         "cylinder": PulledCylinder,
     }
-
-    def parameters_of(self, results: Mapping[str, Result]) -> dict[str, Any]:
-        return {part: result["parameters"] for part, result in results.items()}

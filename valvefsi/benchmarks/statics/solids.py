@@ -72,7 +72,7 @@ class StaticCompression(Static):
         u_y = float(solution.displacement_at((size[0] / 2, size[1]))[1])
         return answer_of(solution, material, {"u_y_top_centre_cm": u_y})
 
-    def compared_with(self) -> References:
+    def references(self, comm: MPI.Comm) -> References:
         source = "mixed P2-P1 elements, 128 x 64, another script"
         compared = {"u_y_top_centre_cm": [Reference(value=block_displacement(), source=source)]}
         return compared if self.published() else {}
@@ -98,7 +98,7 @@ class StaticCook(Static):
         corner = [x * scale for x in COOK[2]]
         return answer_of(solution, material, {"u_y_corner_cm": float(solution.displacement_at(corner)[1])})
 
-    def compared_with(self) -> References:
+    def references(self, comm: MPI.Comm) -> References:
         band = Reference(band=cook_band(), source="immersed, over kernels; second-hand")
         return {"u_y_corner_cm": [band]} if self.published() else {}
 
@@ -135,7 +135,7 @@ class StaticTorsion(Static):
         solution = statics.solve(body, material, fixed=supports, options=options, on_stop=keep)
         return answer_of(solution, material, rises)
 
-    def compared_with(self) -> References:
+    def references(self, comm: MPI.Comm) -> References:
         source = "mixed Q2-Q1 elements, 4 x 24 x 4, another script"
         pairs = zip(NAMES, column_rises().values(), strict=True)
         return {name: [Reference(value=u, source=source)] for name, u in pairs} if self.published() else {}

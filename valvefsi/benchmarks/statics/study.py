@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpi4py import MPI
 
-from valvefsi.benchmarks.frame import Benchmark, Job, Joined, Record, Report, Result, public
+from valvefsi.benchmarks.frame import Benchmark, Command, Job, Record, Report, Result, public
 from valvefsi.benchmarks.options import Values, option
 from valvefsi.benchmarks.results import Reference, Row, compared, order_row, row
 from valvefsi.case.overrides import nearest
@@ -157,10 +157,6 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
     def solve(self, mesh: Mesh, comm: MPI.Comm) -> Answer:
         """Return the answer on one mesh (collective)."""
 
-    def compared_with(self) -> References:
-        """Return the references by quantity; none where the parameters are not the published ones."""
-        return {}
-
     def check(self, values: Values) -> None:
         self.kinds()
 
@@ -185,7 +181,8 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
         return [Mesh(cell=c, elements=first * 2**k) for c in self.kinds() for k in range(self.refine + 1)]
 
     def references(self, comm: MPI.Comm) -> References:
-        return self.compared_with()
+        """Return the references by quantity; none where the parameters are not the published ones."""
+        return {}
 
     def one(self, run: Mesh, job: Job) -> Record:
         answer = self.solve(run, job.comm)
@@ -231,19 +228,20 @@ class Static(MeshOptions, Benchmark[Mesh, References]):
         if self.refine:
             panels = []
             for name, parts in itertools.groupby(self.series(records, reference), lambda one: one.name):
-                first, *more = parts
-                lines = {
-                    one.cell: ([r["unknowns"] for r in one.records], one.values) for one in (first, *more)
-                }
-                label = f"{first.label} [{first.unit or '-'}]"
-                compared_with = [(r.value, r.band, r.source) for r in reference.get(name, ())]
+                lines, compared_with = {}, [(r.value, r.band, r.source) for r in reference.get(name, ())]
+                for one in parts:
+                    lines[one.cell] = ([r["unknowns"] for r in one.records], one.values)
+                label = f"{one.label} [{one.unit or '-'}]"
                 panels.append(Convergence(label=label, lines=lines, known=compared_with))
             convergence(out / "convergence.png", panels, title=self.title)
 
 
 @dataclass(frozen=True, kw_only=True)
-class StaticParts(MeshOptions, Joined):
-    """Static benchmarks of one command; a kind of cell of one of them stands for its like in the others."""
+class StaticParts(MeshOptions, Command):
+    """Static benchmarks of one command, each in a folder of its own; their tables are put together.
+
+    A kind of cell of one of them stands for its like in the others.
+    """
 
     parts: ClassVar[Mapping[str, type[Static]]]
 
@@ -252,7 +250,16 @@ class StaticParts(MeshOptions, Joined):
         super().__post_init__()
         self.members()
 
+    def selection(self) -> Mapping[str, type[Static]]:
+        """Return the kinds of benchmark that are run."""
+        return self.parts
+
+    def title(self, part: str) -> str:
+        """Return what stands before the lines of a part."""
+        return part
+
     def members(self) -> dict[str, Static]:
+        """Return the benchmarks by the name of their folder."""
         names = {cell: k for kind in self.parts.values() for k, cell in enumerate(kind.cells)}
         return {
             name: kind(
@@ -264,15 +271,33 @@ class StaticParts(MeshOptions, Joined):
             for name, kind in self.selection().items()
         }
 
-    def parameters_of(self, results: Mapping[str, Result]) -> dict[str, Any]:
-        if len({id(kind.parameters) for kind in self.parts.values()}) > 1:
-            return super().parameters_of(results)
-        *_, last = results.values()
-        return dict(last["parameters"]) | {"cell": self.cell}
+    def execute(self, session: Job) -> Result:
+        results = {
+            part: one.run(out=session.folder / part, comm=session.comm, progress=session.announce)
+            for part, one in self.members().items()
+        }
+        by_part = {
+            key: {part: result[key] for part, result in results.items()}
+            for key in ("parameters", "quantities", "reference")
+        }
+        *_, last = by_part["parameters"].values()
+        report = Report(
+            parameters=last | {"cell": self.cell} if self._share_parameters else by_part["parameters"],
+            quantities=by_part["quantities"],
+            reference=by_part["reference"],
+            table=[
+                {**line, "quantity": line["quantity"] and f"{self.title(part)}: {line['quantity']}"}
+                for part, result in results.items()
+                for line in result["table"]
+            ],
+            timing={"wall_s": sum(result["timing"]["wall_s"] for result in results.values())},
+        )
+        return self.written(report, session)
 
-    def selection(self) -> Mapping[str, type[Static]]:
-        """Return the kinds of benchmark that are run."""
-        return self.parts
+    @property
+    def _share_parameters(self) -> bool:
+        first, *others = (kind.parameters for kind in self.parts.values())
+        return bool(first) and all(other is first for other in others)
 
 
 def _finest(records: Sequence[Record]) -> dict[str, Record]:

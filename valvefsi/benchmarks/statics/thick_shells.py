@@ -1,12 +1,8 @@
 """A thick cylinder (plane strain) and a thick sphere under inner pressure, against their closed forms.
 
 Exactly incompressible and neo-Hookean: a point at R moves to r with r^2 = R^2 + c (cylinder), r^3 = R^3 + c (sphere),
-and the balance of the radial stress gives the pressure as a function of c (Green and Zerna, Theoretical Elasticity):
-
-    cylinder  p/c1 = ln(a B / (A b)) + c/2 (1/a^2 - 1/b^2)
-    sphere    p/c1 = 2/l_b + 1/(2 l_b^4) - 2/l_a - 1/(2 l_a^4),    l = r/R
-
-with A, B the radii at rest and a, b the deformed ones. The pressure follows the deformed surface.
+and the balance of the radial stress gives the pressure as a function of c, see `valvefsi.verification.closed_forms`.
+The pressure follows the deformed surface.
 
 The sphere is computed with linear elements, too, which the energy of the coupled solid holds in volume: they are too
 soft with its usual modulus, which lets the volume change, and lock with a larger one.
@@ -14,7 +10,6 @@ soft with its usual modulus, which lets the volume change, and lock with a large
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +28,7 @@ from valvefsi.solid import statics
 from valvefsi.solid.loads import Pressure
 from valvefsi.solid.materials import NeoHookean
 from valvefsi.solid.statics import TAYLOR_HOOD, NearlyIncompressible
+from valvefsi.verification.closed_forms import cylinder_pressure, sphere_pressure
 
 PARAMETERS = quantities("pressure = 2.5e4 dyn/cm^2, c1 = 1e5 dyn/cm^2, inner = 1 cm, outer = 1.5 cm")
 DIM = {"cylinder": 2, "sphere": 3}
@@ -41,22 +37,6 @@ NORMALS = {"x_axis": "y", "y_axis": "x", "x_plane": "x", "y_plane": "y", "z_plan
 LINEAR = {f", linear, nu_stab {nu:g}": nu for nu in (0.4, 0.49)}
 """What stands behind the kind of cell where its elements are linear: the numerical Poisson ratio of each."""
 MESHES = {"cylinder": thick_cylinder, "sphere": thick_sphere}
-
-
-def cylinder_pressure(growth: float, A: float, B: float) -> float:
-    """Return p/c1 of a cylinder whose inner radius grows by ``growth`` [cm]."""
-    a = A + growth
-    c = a * a - A * A
-    b = math.sqrt(B * B + c)
-    return math.log(a * B / (A * b)) + c / 2 * (1 / a**2 - 1 / b**2)
-
-
-def sphere_pressure(growth: float, A: float, B: float) -> float:
-    """Return p/c1 of a sphere whose inner radius grows by ``growth`` [cm]."""
-    a = A + growth
-    b = (B**3 + a**3 - A**3) ** (1 / 3)
-    inner, outer = a / A, b / B
-    return 2 / outer + 0.5 / outer**4 - 2 / inner - 0.5 / inner**4
 
 
 def closed_form(shape: str, values: Values) -> tuple[float, float]:
@@ -119,7 +99,7 @@ class ThickShell(Static):
             solution, material, {"u_r_inner_cm": float(inner[0]), "u_r_outer_cm": float(outer[0])}
         )
 
-    def compared_with(self) -> References:
+    def references(self, comm: MPI.Comm) -> References:
         pairs = zip(self.units, closed_form(self.shape, self.values), strict=True)
         return {name: [Reference(value=u, source="closed form", exact=True)] for name, u in pairs}
 

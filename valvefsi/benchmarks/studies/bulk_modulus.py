@@ -7,6 +7,7 @@ with h = 1 mm the largest stable step of the coupled scheme is measured, at rest
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -62,7 +63,9 @@ class BulkModulus(Benchmark[float, float]):
     elements: int = option(10, "Elements along each side.", least=2)
     layers: int = option(1, "Elements through the thickness.", least=1, most=4)
     material: str = option("bovine_pericardium_lee_sacks", "Name of a preset, its fibres along x.")
-    kappas: str = option("1e6,4e6,1e7,4e7,1e8", "Bulk moduli [dyn/cm^2].", metavar="K,K")
+    kappas: tuple[float, ...] = option(
+        (1e6, 4e6, 1e7, 4e7, 1e8), "Bulk moduli [dyn/cm^2].", metavar="K,K", between=(0.0, math.inf)
+    )
 
     @property
     def thickness_cm(self) -> float:
@@ -76,16 +79,11 @@ class BulkModulus(Benchmark[float, float]):
 
     def check(self, values: Values) -> None:
         Strip(thickness=self.thickness_cm, material=self.material)
-        self.runs()
+        if not self.kappas:
+            raise CaseError("expected positive numbers, such as 1e6,1e7", key="--kappas")
 
-    def runs(self) -> list[float]:
-        try:
-            kappas = [float(part) for part in self.kappas.split(",")]
-        except ValueError:
-            kappas = []
-        if not kappas or min(kappas) <= 0.0:
-            raise CaseError("expected positive numbers, such as 1e6,1e7", key="--kappas", value=self.kappas)
-        return kappas
+    def runs(self) -> tuple[float, ...]:
+        return self.kappas
 
     def references(self, comm: MPI.Comm) -> float:
         return self._deflection(self.solve((8, 8, 1), TaylorHood(), comm))
@@ -161,12 +159,8 @@ class BulkModulus(Benchmark[float, float]):
                 row(f"{name}: stable step under load", r["stable_step_loaded_us"], unit="us"),
             ]
         return Report(
-            parameters={
-                "thickness": self.thickness_cm,
-                "elements": self.elements,
-                "layers": self.layers,
-                "material": self.material,
-            },
+            parameters={key: getattr(self, key) for key in ("elements", "layers", "material")}
+            | {"thickness": self.thickness_cm},
             quantities=quantities,
             reference={"deflection_cm": reference},
             table=table,

@@ -12,27 +12,17 @@ constants and do not enter the time. The network is assumed, not measured, beyon
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-import numpy as np
-from mpi4py import MPI
-
 from valvefsi.grid import GHOSTS
+from valvefsi.grid.mac import divided
+from valvefsi.runtime.machine import Network, packing_time
 
 SIZES = (256, 512, 1024)
 CORES = (64, 256, 1024, 4096)
 ADVECTION_FLOPS = {"centred": 9, "xsppm7": 44}
 """Per face of a control volume, none limited."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Network:
-    """What a message costs: latency [s] and bandwidth of one core [byte/s]."""
-
-    latency: float = 2e-6
-    bandwidth: float = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,19 +67,6 @@ class Work:
     sent: float
 
 
-def process_grid(n: int, ranks: int) -> tuple[int, int]:
-    """Return the ranks along axes 0 and 1, as the grid chooses them: slabs as long as they hold the ghosts.
-
-    Raises:
-        ValueError: No division leaves every rank as many cells as the ghosts are wide.
-    """
-    for p1 in range(1, ranks + 1):
-        p0 = ranks // p1
-        if p0 * p1 == ranks and n // p0 >= GHOSTS and n // p1 >= GHOSTS:
-            return p0, p1
-    raise ValueError(f"{ranks} ranks are too many for a grid of {n}^3 cells")
-
-
 def work(n: int, ranks: int, *, solves: int = 4, advection: str = "xsppm7") -> Work:
     """Count the work of a step of n^3 cells on a number of ranks.
 
@@ -98,13 +75,24 @@ def work(n: int, ranks: int, *, solves: int = 4, advection: str = "xsppm7") -> W
         ranks: Number of ranks.
         solves: Direct solves per step, 4 with implicit viscosity and 1 with explicit.
         advection: Advection scheme.
+
+    Raises:
+        ValueError: No division leaves every rank as many cells as the ghosts are wide.
     """
-    p0, p1 = process_grid(n, ranks)
+    if (ranks_along := divided((n, n, n), ranks)) is None:
+        raise ValueError(f"{ranks} ranks are too many for a grid of {n}^3 cells")
+    p0, p1 = ranks_along
     n0, n1 = math.ceil(n / p0), math.ceil(n / p1)
     cells = n0 * n1 * n
     entries = n0 * (n1 + 2 * GHOSTS) * (n + 2 * GHOSTS)
     levels = solves * cells * math.log2(n)
-    messages, sent = _messages((n0, n1, n), (p0, p1), solves)
+    messages, sent = 0, 0.0  # three exchanges of ghosts, two or four transposes per solve
+    for p, face in ((p0, (n1 + 2 * GHOSTS) * (n + 2 * GHOSTS)), (p1, (n0 + 2 * GHOSTS) * (n + 2 * GHOSTS))):
+        if p > 1:
+            # u*, both pressures one deep, the velocity as deep as it goes
+            layers = 3 * 1 + 2 * 1 + 3 * GHOSTS
+            messages += 2 * 3 + 2 * solves * (p - 1)
+            sent += 8.0 * (2 * layers * face + 2 * solves * cells * (p - 1) / p)
     return Work(
         cells=cells,
         entries=entries,
@@ -119,21 +107,6 @@ def work(n: int, ranks: int, *, solves: int = 4, advection: str = "xsppm7") -> W
         messages=messages,
         sent=sent,
     )
-
-
-def _messages(block: tuple[int, int, int], ranks: tuple[int, int], solves: int) -> tuple[int, float]:
-    """Messages and bytes sent by a rank in a step: three exchanges of ghosts, two or four transposes per solve."""
-    cells = math.prod(block)
-    messages, sent = 0, 0.0
-    for axis, p in enumerate(ranks):
-        if p > 1:
-            face = math.prod(m + 2 * GHOSTS for a, m in enumerate(block) if a != axis)
-            layers = (
-                3 * 1 + 2 * 1 + 3 * GHOSTS
-            )  # u*, both pressures one deep, the velocity as deep as it goes
-            messages += 2 * 3 + 2 * solves * (p - 1)
-            sent += 8.0 * (2 * layers * face + 2 * solves * cells * (p - 1) / p)
-    return messages, sent
 
 
 def predict(count: Work, machine: Machine, network: Network) -> dict[str, float]:
@@ -165,54 +138,6 @@ def calibrate(n: int, phases_ms: Mapping[str, float], *, solves: int) -> Machine
         streams=1e-3 * rest / count.entries,
         packing=packing_time(n),
     )
-
-
-def packing_time(n: int, repeats: int = 5) -> float:
-    """Return the time per cell of the copies of a transpose of n^3 cells between two ranks [s]."""
-    x, half, samples = np.ones((n, n, n)), n // 2, []
-    for _ in range(repeats + 1):
-        started = time.perf_counter()
-        sent = np.empty((n, n - half, n))
-        sent[...] = x[:, half:]
-        out = np.empty((n, n, n))
-        out[:, :half] = x[:, :half]
-        out[:, half:] = sent
-        samples.append(time.perf_counter() - started)
-    return float(np.median(samples[1:])) / n**3
-
-
-def measure_network(comm: MPI.Comm, repeats: int = 20) -> Network | None:
-    """Return latency and bandwidth of messages around the ring of all ranks, None on a single one. Collective."""
-    if comm.size == 1:
-        return None
-    times = []
-    for size in (1, 10**6):
-        out, back = np.zeros(size), np.zeros(size)
-        up, down = (comm.rank + 1) % comm.size, (comm.rank - 1) % comm.size
-        samples = []
-        for _ in range(repeats):
-            comm.barrier()
-            started = time.perf_counter()
-            comm.Sendrecv(out, up, recvbuf=back, source=down)
-            samples.append(time.perf_counter() - started)
-        times.append(comm.allreduce(float(np.median(samples)), op=MPI.MAX))
-    return Network(latency=times[0], bandwidth=8e6 / max(times[1] - times[0], 1e-9))
-
-
-def triad_bandwidth(comm: MPI.Comm, size: int = 4 * 10**6, repeats: int = 7) -> float:
-    """Return bytes per second of a = b + k c on every rank at once, that of the slowest [byte/s]. Collective.
-
-    The product and the sum are separate passes of numpy and move three arrays each: what is written is read before.
-    """
-    b, c, a = np.ones(size), np.ones(size), np.zeros(size)
-    samples = []
-    for _ in range(repeats):
-        comm.barrier()
-        started = time.perf_counter()
-        np.multiply(c, 3.0, out=a)
-        np.add(a, b, out=a)
-        samples.append(time.perf_counter() - started)
-    return 8.0 * 6 * size / comm.allreduce(float(np.median(samples)), op=MPI.MAX)
 
 
 def table(machine: Machine, network: Network, *, solves: int, advection: str) -> list[dict[str, float]]:

@@ -9,6 +9,7 @@ a larger ratio the error is also that of a coarser mesh.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 
@@ -34,19 +35,14 @@ Measures = dict[str, float | None]
 """Error, change of area, largest |J - 1| and spurious velocity of a run."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class StudyProblem:
-    """A problem of the study, its functions among its attributes.
+class StudyProblem(ABC):
+    """A problem of the study.
 
     Attributes:
         name: Its name.
         title: Its heading in pictures.
         grid: Default number of cells along the box.
         parameters: Default and unit of what ``--set`` reaches.
-        ratio: Element size over grid spacing that whole elements give.
-        reference: The value that the error is taken against (collective).
-        run: The record of one run: ``quantities``, and ``failed`` (collective).
-        measures: What is put into the table, from the quantities of a run and the reference.
         stabilised: Whether the volumetric energy makes a difference: both kinds are run, else only one without.
         leak: Change of the solid's area from which on the run counts as leaking [%].
         floor: Error below which runs count as equally good, as their references are no better [%].
@@ -56,13 +52,23 @@ class StudyProblem:
     title: str
     grid: int
     parameters: Parameters
-    ratio: Callable[[Numerics], float]
-    reference: Callable[[Values, MPI.Comm], float]
-    run: Callable[[Numerics, Values, Job], Record]
-    measures: Callable[[Mapping[str, float], float], Measures]
-    stabilised: bool = True
-    leak: float = 1.0
-    floor: float = 1.0
+    stabilised, leak, floor = True, 1.0, 1.0
+
+    @abstractmethod
+    def ratio(self, numerics: Numerics) -> float:
+        """Return element size over grid spacing that whole elements give."""
+
+    @abstractmethod
+    def reference(self, values: Values, comm: MPI.Comm) -> float:
+        """Return the value that the error is taken against (collective)."""
+
+    @abstractmethod
+    def run(self, numerics: Numerics, values: Values, job: Job) -> Record:
+        """Return the record of one run: ``quantities``, and ``failed`` (collective)."""
+
+    @abstractmethod
+    def measures(self, q: Mapping[str, float], reference: float) -> Measures:
+        """Return what is put into the table, from the quantities of a run and the reference."""
 
 
 def run_halving(problem: StudyProblem, numerics: Numerics, values: Values, job: Job) -> Record:
@@ -133,89 +139,75 @@ class QuickCook(cook.Cook):
     )
 
 
-def loaded(
-    study: type[GridStudy],
-    grid: int,
-    edges: tuple[float, float],
-    elements: Callable[[Numerics], int],
-    title: str,
-) -> StudyProblem:
-    """Return the problem of a grid study.
+@dataclass
+class Loaded(StudyProblem):
+    """The problem of a grid study.
 
-    Args:
+    Attributes:
         study: The grid study.
-        grid: Default number of cells along the box.
-        edges: Length along which elements are counted, and edge of the box [cm].
-        elements: Number of elements along that length.
-        title: Its heading in pictures.
+        elements: Number of elements along a length.
+        edges: That length, and edge of the box [cm].
     """
 
-    def of(values: Values) -> GridStudy:
-        return study(overrides=texts(values))
+    study: type[GridStudy]
+    grid: int
+    edges: tuple[float, float]
+    elements: Callable[[Numerics], int]
+    title: str
 
-    def measures(q: Mapping[str, float], reference: float) -> Measures:
+    def __post_init__(self) -> None:
+        self.name, self.parameters = self.study.name, self.study.parameters
+
+    def ratio(self, numerics: Numerics) -> float:
+        return self.edges[0] / self.elements(numerics) * numerics.grid / self.edges[1]
+
+    def reference(self, values: Values, comm: MPI.Comm) -> float:
+        return self.study(overrides=texts(values)).incompressible(Numerics(grid=self.grid), comm)[0]
+
+    def run(self, numerics: Numerics, values: Values, job: Job) -> Record:
+        return self.study(overrides=texts(values)).one(numerics, job)
+
+    def measures(self, q: Mapping[str, float], reference: float) -> Measures:
         return {
-            "error_percent": 100.0 * (q[study().key] - reference) / abs(reference),
+            "error_percent": 100.0 * (q[self.study().key] - reference) / abs(reference),
             "change_percent": q["change_percent"],
             "J_spread": max(abs(q["J_min"] - 1.0), abs(q["J_max"] - 1.0)),
             "u_max_cm_s": None,
         }
 
-    return StudyProblem(
-        name=study.name,
-        title=title,
-        grid=grid,
-        parameters=study.parameters,
-        ratio=lambda numerics: edges[0] / elements(numerics) * numerics.grid / edges[1],
-        reference=lambda values, comm: of(values).incompressible(Numerics(grid=grid), comm)[0],
-        run=lambda numerics, values, job: of(values).one(numerics, job),
-        measures=measures,
-    )
+
+class ShellAtRest(StudyProblem):
+    """The thick shell."""
+
+    name, title, grid, parameters = "shell", "shell at rest", 64, shell.PARAMETERS
+    stabilised, leak = False, 1.0e-3
+
+    def ratio(self, numerics: Numerics) -> float:
+        wall = defaults(shell.PARAMETERS)["wall"] * numerics.grid
+        return wall / max(1, round(wall / numerics.ratio))
+
+    def reference(self, values: Values, comm: MPI.Comm) -> float:
+        """Return the L2 norm of the exact pressure [dyn/cm^2]."""
+        s = (np.arange(400) + 0.5) / 400 - 0.5
+        p = shell.exact_pressure(np.hypot(*np.meshgrid(s, s)), values["radius"], values["wall"])
+        return float(np.sqrt((p**2).mean()))
+
+    def run(self, numerics: Numerics, values: Values, job: Job) -> Record:
+        failed, q = None, {}
+        try:
+            q = {k: float(value) for k, value in shell.shell_at_rest(numerics, values, job.comm).items()}
+        except StabilityError as error:
+            failed = str(error)
+        if not all(math.isfinite(value) for value in q.values()):
+            failed, q = "the velocity is not finite at the end", {}
+        return {"numerics": asdict(numerics), "quantities": q, "failed": failed}
+
+    def measures(self, q: Mapping[str, float], reference: float) -> Measures:
+        error, change = 100.0 * q["p_L2"] / reference, abs(q["area_change_percent"])
+        return {"error_percent": error, "change_percent": change, "J_spread": None, "u_max_cm_s": q["u_max"]}
 
 
-def pressure_norm(values: Values, comm: MPI.Comm) -> float:
-    """Return the L2 norm of the exact pressure of the shell at rest [dyn/cm^2]."""
-    s = (np.arange(400) + 0.5) / 400 - 0.5
-    p = shell.exact_pressure(np.hypot(*np.meshgrid(s, s)), values["radius"], values["wall"])
-    return float(np.sqrt((p**2).mean()))
-
-
-def shell_run(numerics: Numerics, values: Values, job: Job) -> Record:
-    """Return the record of the shell at rest (collective)."""
-    failed, q = None, {}
-    try:
-        q = {k: float(value) for k, value in shell.shell_at_rest(numerics, values, job.comm).items()}
-    except StabilityError as error:
-        failed = str(error)
-    if not all(math.isfinite(value) for value in q.values()):
-        failed, q = "the velocity is not finite at the end", {}
-    return {"numerics": asdict(numerics), "quantities": q, "failed": failed}
-
-
-def shell_measures(q: Mapping[str, float], reference: float) -> Measures:
-    """Return error, change of area and spurious velocity of the shell at rest."""
-    error, change = 100.0 * q["p_L2"] / reference, abs(q["area_change_percent"])
-    return {"error_percent": error, "change_percent": change, "J_spread": None, "u_max_cm_s": q["u_max"]}
-
-
-def shell_ratio(numerics: Numerics) -> float:
-    """Return element size over grid spacing of whole elements through the shell's wall."""
-    wall = defaults(shell.PARAMETERS)["wall"] * numerics.grid
-    return wall / max(1, round(wall / numerics.ratio))
-
-
-COMPRESSION = loaded(QuickBlock, 48, (LENGTH, BOX), block_elements, "compressed block")
-COOK = loaded(QuickCook, 25, ((4.8 * 3.0) ** 0.5, cook.BOX), cook.elements, "Cook's membrane")
-SHELL = StudyProblem(
-    name="shell",
-    title="shell at rest",
-    grid=64,
-    parameters=shell.PARAMETERS,
-    ratio=shell_ratio,
-    reference=pressure_norm,
-    run=shell_run,
-    measures=shell_measures,
-    stabilised=False,
-    leak=1.0e-3,
-)
+COMPRESSION = Loaded(QuickBlock, 48, (LENGTH, BOX), block_elements, "compressed block")
+COOK = Loaded(QuickCook, 25, ((4.8 * 3.0) ** 0.5, cook.BOX), cook.elements, "Cook's membrane")
+SHELL = ShellAtRest()
 PROBLEMS = {problem.name: problem for problem in (COMPRESSION, COOK, SHELL)}

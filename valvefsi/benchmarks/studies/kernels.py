@@ -7,15 +7,17 @@ table follow rules: at which ratios a kernel stays within a factor of the best e
 from __future__ import annotations
 
 import csv
+import math
 from collections import defaultdict
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report
-from valvefsi.benchmarks.immersed.study import COUPLINGS, STATES, Numerics
+from valvefsi.benchmarks.immersed.study import COUPLINGS, KINDS, STATES, Numerics
 from valvefsi.benchmarks.options import Values, option, read_parameters
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.studies.kernel_problems import PROBLEMS, StudyProblem, run_halving
@@ -54,24 +56,6 @@ class Rule:
     change: float | None
     why: str = ""
 
-    @property
-    def name(self) -> str:
-        """Kernel, coupling and stabilisation."""
-        return f"{self.kernel}, {self.coupling}, {'stabilised' if self.stabilised else 'not stabilised'}"
-
-    @property
-    def span(self) -> str:
-        """The ratios in words."""
-        return ", ".join(f"{ratio:g}" for ratio in self.ratios)
-
-    @property
-    def text(self) -> str:
-        """The best ratio and the errors there, or why there is none."""
-        if self.best is None:
-            return self.why
-        errors = ", ".join(f"{problem} {error:.2g} %" for problem, error in self.errors.items())
-        return f"best {self.best:g}: {errors}"
-
 
 def sound(line: Record) -> bool:
     """Whether a run neither broke down nor leaks."""
@@ -92,66 +76,49 @@ def rules(
         factor: Largest multiple that a recommended ratio may have on any problem.
         free: Problems that no stabilisation acts on; they count for both kinds.
     """
-    best = _best(lines, floors)
-    names = dict.fromkeys((line["kernel"], line["coupling"]) for line in lines)
-    kinds = sorted({line["stabilised"] for line in lines if line["problem"] not in free}, reverse=True)
-
-    def matches(line: Record, kernel: str, coupling: str, kind: bool) -> bool:
-        same = (line["kernel"], line["coupling"]) == (kernel, coupling)
-        return same and (line["stabilised"] == kind or line["problem"] in free)
-
-    table = [
-        _rule(kernel, coupling, kind, [r for r in lines if matches(r, kernel, coupling, kind)], best, factor)
-        for kernel, coupling in names
-        for kind in kinds or [False]
-    ]
-    return sorted(table, key=lambda rule: (rule.multiple is None, rule.multiple))
-
-
-def _best(lines: Sequence[Record], floors: Mapping[str, float]) -> dict[str, float]:
     best = {}
     for problem, floor in floors.items():
         errors = [abs(r["error_percent"]) for r in lines if r["problem"] == problem and sound(r)]
         best[problem] = max(floor, min(errors, default=floor))
-    return best
+    kinds = sorted({line["stabilised"] for line in lines if line["problem"] not in free}, reverse=True)
+    table = []
+    for kernel, coupling in dict.fromkeys((line["kernel"], line["coupling"]) for line in lines):
+        both = [line for line in lines if (line["kernel"], line["coupling"]) == (kernel, coupling)]
+        for kind in kinds or [False]:
+            own = [line for line in both if line["stabilised"] == kind or line["problem"] in free]
+            name = {"kernel": kernel, "coupling": coupling, "stabilised": kind}
+            table.append(Rule(**name, **_verdict(own, best, factor)))
+    return sorted(table, key=lambda rule: (rule.multiple is None, rule.multiple))
 
 
-def _rule(
-    kernel: str,
-    coupling: str,
-    kind: bool,
-    lines: Sequence[Record],
-    best: Mapping[str, float],
-    factor: float,
-) -> Rule:
-    multiples, fits = {}, {line["problem"]: () for line in lines}
-    for ratio in dict.fromkeys(line["ratio"] for line in lines):
-        here = [line for line in lines if line["ratio"] == ratio]
-        errors = {r["problem"]: abs(r["error_percent"]) / best[r["problem"]] for r in here if sound(r)}
-        if len(errors) == len(here):
-            multiples[ratio] = max(errors.values())
-        fits |= {name: (*fits[name], ratio) for name, multiple in errors.items() if multiple <= factor}
-    top = min(multiples, key=lambda ratio: multiples[ratio], default=None)
-    here = [line for line in lines if line["ratio"] == top]
-    return Rule(
-        kernel=kernel,
-        coupling=coupling,
-        stabilised=kind,
-        ratios=tuple(ratio for ratio, multiple in multiples.items() if multiple <= factor),
-        fits=fits,
-        best=top,
-        multiple=multiples.get(top),
-        errors={line["problem"]: abs(line["error_percent"]) for line in here},
-        change=max((line["change_percent"] for line in here), default=None),
-        why="" if multiples else _why(lines),
+def _verdict(lines: Sequence[Record], best: Mapping[str, float], factor: float) -> dict[str, Any]:
+    """Return what the runs of one choice say, as the attributes of a rule."""
+    fits: dict[str, tuple[float, ...]] = {line["problem"]: () for line in lines}
+    largest = dict.fromkeys((line["ratio"] for line in lines), 0.0)  # infinite where a run is not sound
+    for line in lines:
+        name, ratio = line["problem"], line["ratio"]
+        multiple = abs(line["error_percent"]) / best[name] if sound(line) else math.inf
+        largest[ratio] = max(largest[ratio], multiple)
+        fits[name] += (ratio,) * (multiple <= factor)
+    top = min(
+        (ratio for ratio in largest if largest[ratio] < math.inf), key=lambda r: largest[r], default=None
     )
+    here = [line for line in lines if line["ratio"] == top]
+    return {
+        "ratios": tuple(ratio for ratio, multiple in largest.items() if multiple <= factor),
+        "fits": fits,
+        "best": top,
+        "multiple": largest.get(top),
+        "errors": {line["problem"]: abs(line["error_percent"]) for line in here},
+        "change": max((line["change_percent"] for line in here), default=None),
+        "why": _why(lines) if top is None else "",
+    }
 
 
 def _why(lines: Sequence[Record]) -> str:
-    broken = sorted({line["problem"] for line in lines if line["failed"] is not None})
-    leaking = sorted({line["problem"] for line in lines if line["leaks"]})
-    parts = [f"{word} {', '.join(names)}" for word, names in (("breaks down:", broken), ("leaks:", leaking))]
-    return "; ".join(part for part, names in zip(parts, (broken, leaking), strict=True) if names)
+    broken, leaking = ([r for r in lines if r["failed"] is not None], [r for r in lines if r["leaks"]])
+    parts = (("breaks down:", broken), ("leaks:", leaking))
+    return "; ".join(f"{word} {', '.join(sorted({r['problem'] for r in bad}))}" for word, bad in parts if bad)
 
 
 SHORT = {"piecewise_linear": "PWL"}
@@ -298,30 +265,27 @@ class Kernels(Benchmark[One, dict[str, float]]):
 
     def draw(self, records: Sequence[Record], reference: dict[str, float], out: Path) -> None:
         lines = self.lines(records, reference)
-        write_table(out / "kernels.csv", lines)
+        with replacing(out / "kernels.csv") as path, path.open("w", newline="") as file:
+            table = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
+            table.writeheader()
+            table.writerows(lines)
         _draw(self, lines, out / "kernels.png")
-
-
-def write_table(path: Path, lines: Sequence[Record]) -> None:
-    """Write the lines as CSV; numbers keep all their digits, what is not known is empty."""
-    with replacing(path) as temporary, temporary.open("w", newline="") as file:
-        table = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
-        table.writeheader()
-        table.writerows(lines)
 
 
 def _table(table: Sequence[Rule], lines: Sequence[Record], factor: float) -> list[Row]:
     """Return what is printed: the rule of each choice, then how many runs broke down or leaked."""
+    rows = [row("mesh over grid that fits", "", source=f"no leak, error within {factor:g} times the best")]
+    for rule in table:
+        name = f"{rule.kernel}, {rule.coupling}, {KINDS[rule.stabilised]}"
+        errors = ", ".join(f"{problem} {error:.2g} %" for problem, error in rule.errors.items())
+        text = rule.why if rule.best is None else f"best {rule.best:g}: {errors}"
+        rows.append(row(name, ", ".join(f"{ratio:g}" for ratio in rule.ratios) or "none", source=text))
     counts = {
         "broke down": sum(line["failed"] is not None for line in lines),
         "leak": sum(bool(line["leaks"]) for line in lines),
-        "sound": sum(sound(line) for line in lines),
+        "sound": sum(map(sound, lines)),
     }
-    return [
-        row("mesh over grid that fits", "", source=f"no leak, error within {factor:g} times the best"),
-        *(row(rule.name, rule.span or "none", source=rule.text) for rule in table),
-        *(row(f"runs, {word}", n, source=f"of {len(lines)}") for word, n in counts.items()),
-    ]
+    return rows + [row(f"runs, {word}", n, source=f"of {len(lines)}") for word, n in counts.items()]
 
 
 def _draw(study: Kernels, lines: Sequence[Record], path: Path) -> None:
@@ -333,7 +297,7 @@ def _draw(study: Kernels, lines: Sequence[Record], path: Path) -> None:
             [by_choice[problem.name, kind, coupling, kernel, ratio] for ratio in study.ratios]
             for kernel in study.kernels
         ]
-        state = "" if not problem.stabilised else "stabilised: " if kind else "not stabilised: "
+        state = f"{KINDS[kind]}: " if problem.stabilised else ""
         return HeatMap(
             title=problem.title,
             values=[[r[key] for r in line] for line in cells],
@@ -342,14 +306,15 @@ def _draw(study: Kernels, lines: Sequence[Record], path: Path) -> None:
             limits=LIMITS[key],
         )
 
-    def change_of(problem: StudyProblem) -> str:
-        return "change_percent" if problem.stabilised else "u_max_cm_s"
-
     panels = {
         f"{coupling}: {word}": [
-            heat_map(problem, kind, coupling, key or change_of(problem)) for problem, kind in columns
+            heat_map(problem, kind, coupling, own if problem.stabilised else other)
+            for problem, kind in columns
         ]
-        for word, key in (("error", "error_percent"), ("change of area, spurious velocity", None))
+        for word, own, other in (
+            ("error", "error_percent", "error_percent"),
+            ("change of area, spurious velocity", "change_percent", "u_max_cm_s"),
+        )
         for coupling in study.couplings
     }
     heat_maps(path, panels, rows=[SHORT.get(k, k) for k in study.kernels], columns=study.ratios)

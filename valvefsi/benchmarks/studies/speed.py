@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, Result, Session, public
+from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, Result, public
 from valvefsi.benchmarks.options import Values, defaults, option, quantities
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import in_turns, pace
@@ -33,6 +33,7 @@ from valvefsi.fluid.navier_stokes import ExplicitViscosity, NavierStokes
 from valvefsi.grid import Faces, MacGrid
 from valvefsi.runtime import threads
 from valvefsi.runtime.clock import Timed
+from valvefsi.runtime.machine import Network, measure_network, triad_bandwidth
 
 PARAMETERS = quantities(
     "rho = 1 g/cm^3, mu = 0.01 dyn*s/cm^2, cfl = 0.3",
@@ -50,7 +51,7 @@ class Yardsticks:
 
     elastic: Record
     machine: cost_model.Machine | None
-    network: cost_model.Network | None
+    network: Network | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +83,7 @@ class Speed(Benchmark[int, Yardsticks]):
     def read(self) -> Values:
         return defaults(self.parameters) if self.case else super().read()
 
-    def execute(self, session: Session) -> Result:
+    def execute(self, session: Job) -> Result:
         if self.against:
             return self.written(self._compared(session), session)
         if not self.case:
@@ -91,7 +92,7 @@ class Speed(Benchmark[int, Yardsticks]):
         report = case_speed.report(Path(self.case), self.overrides, folder, self.steps, session.comm)
         return self.written(report, session)
 
-    def _compared(self, session: Session) -> Report:
+    def _compared(self, session: Job) -> Report:
         """Time the step of another commit and of this one in turns."""
         if session.comm.size > 1:
             raise CaseError(
@@ -116,7 +117,7 @@ class Speed(Benchmark[int, Yardsticks]):
 
     def references(self, comm: MPI.Comm) -> Yardsticks:
         machine = machine_here(self.values, comm, self.steps) if self.model else None
-        network = cost_model.measure_network(comm) if self.model else None
+        network = measure_network(comm) if self.model else None
         return Yardsticks(elastic=elastic_speed.measure(comm), machine=machine, network=network)
 
     def one(self, run: int, job: Job) -> Record:
@@ -142,10 +143,10 @@ class Speed(Benchmark[int, Yardsticks]):
         rows, ranks, advection = [], records[0]["ranks"], self.values["advection"]
         for grid in records:
             count = cost_model.work(grid["N"], ranks, solves=self.solves, advection=advection)
-            step = cost_model.predict(count, machine, network or cost_model.Network())["step"]
+            step = cost_model.predict(count, machine, network or Network())["step"]
             name = f"model: {grid['N']}^3, {ranks} rank{'s' * (ranks > 1)}"
             rows.append(row(name, 1e3 * step, grid["step_ms"], "measured here", unit="ms"))
-        lines = cost_model.table(machine, cost_model.Network(), solves=self.solves, advection=advection)
+        lines = cost_model.table(machine, Network(), solves=self.solves, advection=advection)
         for line in lines:
             each = (
                 f"per core {line['flops']:.2g} flops, {line['bytes']:.2g} bytes, {line['messages']} messages"
@@ -156,18 +157,15 @@ class Speed(Benchmark[int, Yardsticks]):
             "calibration_N": CALIBRATION,
             "machine": asdict(machine),
             "network_measured": network and asdict(network),
-            "network_assumed": asdict(cost_model.Network()),
+            "network_assumed": asdict(Network()),
             "predictions": lines,
         }, rows
 
     def draw(self, records: Sequence[Record], reference: Yardsticks, out: Path) -> None:
-        from valvefsi.post.plots.base import phase_bars
+        from valvefsi.post.plots.base import phase_bars  # a plan needs none
 
-        ranks = records[0]["ranks"]
-        heading = f"One fluid step on {ranks} rank{'s' * (ranks > 1)}"
-        phase_bars(
-            out / "speed.png", {f"{r['N']}^{self.dim}": r["phases_ms"] for r in records}, title=heading
-        )
+        ranks, phases = records[0]["ranks"], {f"{r['N']}^{self.dim}": r["phases_ms"] for r in records}
+        phase_bars(out / "speed.png", phases, title=f"One fluid step on {ranks} rank{'s' * (ranks > 1)}")
 
 
 def solves_of(parameters: Values) -> int:
@@ -227,7 +225,7 @@ def _traffic(n: int, dim: int, step: float, parameters: Values, comm: MPI.Comm) 
     if dim == 2:
         return {}
     count = cost_model.work(n, comm.size, solves=solves_of(parameters), advection=parameters["advection"])
-    volume, triad = count.bytes, cost_model.triad_bandwidth(comm)
+    volume, triad = count.bytes, triad_bandwidth(comm)
     return {
         "bytes_per_step": volume,
         "gigabytes_per_s": 1e-9 * volume / step,
@@ -322,11 +320,10 @@ def on_more_ranks(
     step, share = value["time of a step"] * 1e-3, value["fluid's part of a step"] / 100.0
     n, steps = round(value["cells"] ** (1.0 / 3.0)), value["steps"]
     parameters = defaults(PARAMETERS) | {"advection": advection, "viscous": viscous}
-    machine, network = machine_here(parameters, comm), cost_model.Network()
-    solves = 4 if viscous == "implicit" else 1
+    machine, network = machine_here(parameters, comm), Network()
 
     def fluid(count: int) -> float:
-        work = cost_model.work(n, count, solves=solves, advection=advection)
+        work = cost_model.work(n, count, solves=solves_of(parameters), advection=advection)
         return cost_model.predict(work, machine, network)["step"]
 
     entries, here = [], fluid(comm.size)

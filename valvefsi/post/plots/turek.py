@@ -27,7 +27,7 @@ def histories(
     path: Path,
     t: Array,
     signals: Mapping[str, Array],
-    known: Mapping[str, tuple[float, float, float]],
+    known: Mapping[str, Sequence[float]],
     *,
     title: str = "",
 ) -> Path:
@@ -72,7 +72,7 @@ def histories(
         return saved(figure, path)
 
 
-def _span(x: Array, known: tuple[float, float, float] | None) -> tuple[float, float]:
+def _span(x: Array, known: Sequence[float] | None) -> tuple[float, float]:
     ends = [float(x.min()), float(x.max())]
     if known is not None:
         ends += [known[0] - known[1], known[0] + known[1]]
