@@ -26,7 +26,8 @@ RECORDS = [
 
 def test_groups_of_strips_have_a_median_the_worst_and_how_many_pass():
     groups = grouped(RECORDS)
-    assert groups["all"]["stiffness_ratio"] == {"found": 3, "passed": 2, "median": 1.01, "worst": 0.94}
+    bending = groups["all"]["stiffness_ratio"]
+    assert bending == {"found": 3, "not_found": 1, "passed": 2, "median": 1.01, "worst": 0.94}
     membrane = groups["flat"]["membrane_ratio"]
     assert (membrane["found"], membrane["passed"], membrane["worst"]) == (2, 1, 1.012)
     assert membrane["median"] == pytest.approx(1.0085)
@@ -36,7 +37,7 @@ def test_groups_of_strips_have_a_median_the_worst_and_how_many_pass():
 
 
 def test_a_group_without_an_answer_has_counts_only():
-    assert grouped(RECORDS)["1 x 0.5 mm"]["stiffness_ratio"] == {"found": 0, "passed": 0}
+    assert grouped(RECORDS)["1 x 0.5 mm"]["stiffness_ratio"] == {"found": 0, "not_found": 1, "passed": 0}
 
 
 def test_the_matrix_holds_each_strip_once():

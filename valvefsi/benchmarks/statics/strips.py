@@ -135,7 +135,7 @@ class Strips(Benchmark[Strip, None]):
 
 
 Group = dict[str, dict[str, float]]
-"""Numbers by name of the ratio: how many were found and how many pass, their median, the one furthest from 1."""
+"""Numbers by name of the ratio: how many were found, not found, and pass, their median, the one furthest from 1."""
 
 
 def grouped(records: Sequence[Record]) -> dict[str, Group]:
@@ -158,9 +158,10 @@ def _groups_of(strip: Mapping[str, Any]) -> tuple[str, ...]:
 def _group(records: Sequence[Record]) -> Group:
     numbers: Group = {}
     for name in dict.fromkeys(name for record in records for name in record["ratios"]):
-        values = [v for record in records if isinstance(v := record["ratios"].get(name), float)]
+        said = [record["ratios"][name] for record in records if name in record["ratios"]]
+        values = [v for v in said if not isinstance(v, str)]
         within = sum(abs(v - 1) <= _bound(name) for v in values)
-        numbers[name] = {"found": len(values), "passed": within}
+        numbers[name] = {"found": len(values), "not_found": len(said) - len(values), "passed": within}
         if values:
             worst = max(values, key=lambda v: abs(v - 1))
             numbers[name] |= {"median": median(values), "worst": worst}
