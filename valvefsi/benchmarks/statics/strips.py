@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from statistics import median
+from typing import Any
 
 from mpi4py import MPI
 
@@ -122,13 +124,48 @@ class Strips(Benchmark[Strip, None]):
             quantities={**counts, **_extremes(records)},
             reference={"ratio": 1.0, "pass": PASS, "pass_membrane": MEMBRANE},
             more={
-                "strips": [{key: record[key] for key in ("strip", "label", "ratios")} for record in records]
+                "strips": [{key: record[key] for key in ("strip", "label", "ratios")} for record in records],
+                "groups": grouped(records),
             },
             table=lines,
         )
 
     def draw(self, records: Sequence[Record], reference: None, out: Path) -> None:
         ratio_points(out / "strips.png", [(record["strip"], record["ratios"]) for record in records])
+
+
+Group = dict[str, dict[str, float]]
+"""Numbers by name of the ratio: how many were found, not found, and pass, their median, the one furthest from 1."""
+
+
+def grouped(records: Sequence[Record]) -> dict[str, Group]:
+    """Return what the ratios of strips that share a property, or two, say together."""
+    members: dict[str, list[Record]] = {}
+    for record in records:
+        for name in _groups_of(record["strip"]):
+            members.setdefault(name, []).append(record)
+    return {name: _group(those) for name, those in members.items()}
+
+
+def _groups_of(strip: Mapping[str, Any]) -> tuple[str, ...]:
+    fibres = f" {strip['angle']:g} deg" if len(MATERIALS[strip["material"]]) > 1 else ""
+    material, elements = strip["material"] + fibres, f"{strip['layers']} x {10 * strip['edge']:g} mm"
+    shape = "flat" if strip["radius"] is None else "curved"
+    thickness = f"{10 * strip['thickness']:g} mm thick"
+    return "all", elements, thickness, shape, material, f"{material}, {elements}"
+
+
+def _group(records: Sequence[Record]) -> Group:
+    numbers: Group = {}
+    for name in dict.fromkeys(name for record in records for name in record["ratios"]):
+        said = [record["ratios"][name] for record in records if name in record["ratios"]]
+        values = [v for v in said if not isinstance(v, str)]
+        within = sum(abs(v - 1) <= _bound(name) for v in values)
+        numbers[name] = {"found": len(values), "not_found": len(said) - len(values), "passed": within}
+        if values:
+            worst = max(values, key=lambda v: abs(v - 1))
+            numbers[name] |= {"median": median(values), "worst": worst}
+    return numbers
 
 
 def _bound(name: str) -> float:
