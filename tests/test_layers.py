@@ -57,6 +57,7 @@ INSIDE = {
         {"runner", "loop_stages"},
         {"planning", "sweep", "beats", "sample_inputs", "circuit_samples", "figures"},
         {"sweep_picture", "validation", "grid_study"},
+        {"dependence"},
         {"grid_numbers", "grid_report", "sampling"},
         {"sample_runs", "sample_report", "static_samples"},
     ],
