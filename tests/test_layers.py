@@ -47,6 +47,7 @@ INSIDE = {
     ],
     "post": [
         {"diagnostics", "valve_record"},
+        {"slices"},
         {"valve_times", "plots", "coaptation", "flutter", "leaflet_places"},
         {"valve_numbers"},
         {"valve_phases"},

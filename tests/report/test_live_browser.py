@@ -13,7 +13,6 @@ from tests.report.browser import PROGRAM, Browser
 from tests.report.folders import valve_folder
 from tests.report.test_browser import contrast, seen
 from valvefsi.io import folder
-from valvefsi.report.live import LiveRun
 from valvefsi.report.serving import PageServer
 
 pytestmark = [
@@ -45,7 +44,7 @@ def run(tmp_path_factory):
 @pytest.fixture(scope="module")
 def address(run):
     """Where its page is."""
-    with PageServer(LiveRun(run)) as server:
+    with PageServer(run) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield server.address
         server.shutdown()
