@@ -80,6 +80,10 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
         "Pulse duplicator with an orifice for the valve, uncertain circuit",
         {"": "sample calibration/sample_loop.toml"},
     ),
+    "sample-valve": (
+        "Opening of a valve, 0 to 100 ms, h = 2.4 mm, 20 runs",
+        {"": "sample calibration/sample_valve.toml"},
+    ),
     "fits": (
         "Fits of measured records",
         {
@@ -91,10 +95,18 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
 }
 """Name of the results: title, and the command (without ``valvefsi``) behind each case."""
 
-CASES = {"compression": "elements, cells", "refinement-block": "number", "sample-loop": "output"}
+CASES = {
+    "compression": "elements, cells",
+    "refinement-block": "number",
+    "sample-loop": "output",
+    "sample-valve": "output",
+}
 """What the names of the cases are, for the heading of a table."""
 FILES = {"fit": "fit.json", "verify": "verification.json", "sample": "sample.json"}
 """What a command leaves its result in, where that is not ``result.json``."""
+MOST = 100
+"""Samples of a study up to which they are kept one by one."""
+PARTS = ("inputs", "outputs")
 FIT = {
     "half_sum_of_squares": "half sum of squares",
     "r_squared": "R2",
@@ -108,11 +120,12 @@ def main(names: list[str]) -> None:
     """Run the named groups of commands, all where nothing is named."""
     for name in names or COMMANDS:
         title, cases = COMMANDS[name]
-        runs, rows, environment = [], [], {}
+        runs, rows, environment, samples = [], [], {}, {}
         for case, command in cases.items():
             print(f"{name}: valvefsi {command}", flush=True)
             result = call(command)
             rows += [{"case": case} | row for row in quantities(result)]
+            samples |= samples_of(result)
             environment = result.get("environment", environment)
             runs.append(
                 {
@@ -124,7 +137,7 @@ def main(names: list[str]) -> None:
             )
         cases_are = {"cases": CASES[name]} if name in CASES else {}
         head = {"title": title, **cases_are, "origin": "run", "commit": commit(), **where(environment)}
-        text = json.dumps(head | {"runs": runs, "quantities": rows}, indent=1, ensure_ascii=False)
+        text = json.dumps(head | {"runs": runs, "quantities": rows} | samples, indent=1, ensure_ascii=False)
         (RESULTS / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
@@ -200,6 +213,15 @@ def sampled(result: dict[str, Any]) -> list[dict[str, Any]]:
             rows.append({**case, "quantity": f"S_T {one['group']}", "computed": round(one["total"], 3)})
             rows.append({**case, "quantity": f"+- {one['group']}", "computed": round((high - low) / 2, 3)})
     return rows
+
+
+def samples_of(result: dict[str, Any]) -> dict[str, Any]:
+    """Return the samples of a study themselves, by columns: how each ended, its inputs and outputs."""
+    members = result.get("members", {})
+    if not 0 < len(members.get("sample", ())) <= MOST:
+        return {}
+    kept = {kind: {n: [rounded(v) for v in values] for n, values in members[kind].items()} for kind in PARTS}
+    return {"samples": {key: members[key] for key in ("state", "reason")} | kept}
 
 
 def rounded(value: object) -> object:

@@ -66,7 +66,8 @@ INSIDE = {
         {"blocks", "runs", "words"},
         {"geometry", "inputs", "results", "evidence", "writing"},
         {"scenes", "others"},
-        {"compared", "live"},
+        {"compared", "live", "members"},
+        {"grids", "samples"},
         {"folders", "serving"},
     ],
     "benchmarks": [

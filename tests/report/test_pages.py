@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import json
 import re
@@ -19,6 +20,8 @@ from tests.report.folders import (
     Parsed,
     benchmark_folder,
     fit_folder,
+    grids_folder,
+    sample_folder,
     sweep_folder,
     validation_folder,
     valve_folder,
@@ -65,6 +68,9 @@ def of_kind(kind, folder):
         "benchmark": benchmark_folder,
         "sweep": sweep_folder,
         "validation": validation_folder,
+        "grids": grids_folder,
+        "sample": sample_folder,
+        "circuit": functools.partial(sample_folder, runs=False),
     }
     return Parsed(html(report([makers[kind](folder / kind)])))
 
@@ -110,7 +116,7 @@ def test_the_page_of_a_run_has_its_parts_and_every_table_names_itself(page):
     assert kinds == ["scene", "chart"]
 
 
-@pytest.mark.parametrize("kind", ["fit", "benchmark", "sweep", "validation"])
+@pytest.mark.parametrize("kind", ["fit", "benchmark", "sweep", "validation", "grids", "sample", "circuit"])
 def test_other_folders_have_pages_of_the_same_structure(kind, tmp_path):
     found = of_kind(kind, tmp_path)
     check_structure(found)
@@ -119,9 +125,70 @@ def test_other_folders_have_pages_of_the_same_structure(kind, tmp_path):
         "benchmark": ("drag", "3.3333", "Versions and machine are not recorded."),
         "sweep": ("kappa=2 failed: it <broke> down", "porcine.toml"),
         "validation": ("raise max_beats", "run-1mm - record, p_lv", "no"),
+        "grids": ("h=0.4mm failed and is in no number: it <broke> down", "NOT VARIED: --steps does"),
+        "sample": ("1 of 3 samples failed", "DO NOT TRUST", "Waveforms of the samples over one another"),
+        "circuit": ("uniform: low 1 cP, high 3 cP", "The folder holds no pictures."),
     }
     for text in expected[kind]:
         assert text in found.words
+
+
+def figures(path):
+    """The data of the charts of a page."""
+    text = html(report([path]))
+    found = [
+        json.loads(d) for d in re.findall(r'<script type="application/json">(.*?)</script>', text, re.DOTALL)
+    ]
+    return Parsed(text), [data for data in found if "x" in data]
+
+
+def test_a_study_of_grids_has_its_orders_its_waveforms_over_one_another_and_its_finest_grid(tmp_path):
+    folder = grids_folder(tmp_path / "study", notes=["TWO GRIDS: no observed order"])
+    page, charts = figures(folder)
+    assert page.column("Numbers that change", "order")["last.u_cm"]["value"] == 1.0
+    assert page.column("Numbers that change", "GCI [%]")["last.u_cm"]["value"] == 4.0
+    assert page.column("Numbers that change", "h=1mm")["last.u_cm"]["value"] == 3.2
+    assert list(page.column("Numbers for which an order means nothing", "order")) == ["last.at_s"]
+    assert list(page.column("Differences of waveforms", "order")) == ["p_z_lower_mmHg, L2"]
+    kernel = page.column("What else than the spacing", "changed")
+    assert kernel["kernel"]["text"] == "solid.x.kernel=ib4"
+    assert kernel["time step"]["text"] == "NOT VARIED: --steps does"
+    assert page.column("What beats", "error of the last beat")["peak_flow_ml_per_s"]["value"] == 0.3333
+    curves = charts[0]["panels"][0]["curves"]
+    assert [curve["name"] for curve in curves] == ["h=2mm", "h=1mm", "h=0.5mm"]
+    history = open_run(folder / "h=0.5mm").history
+    assert unpacked(curves[2]["x"])[-1] == pytest.approx(history["t_s"][-1])
+    warned = [
+        text for text in re.findall(r'class="warning">([^<]*)', html(report([folder]))) if "GRIDS" in text
+    ]
+    assert warned == ["TWO GRIDS: no observed order"]
+    for heading in ("What was run", "Scene", "Evidence", "The case", "Pictures"):
+        assert f"{heading}, the finest grid (h=0.5mm)" in page.words
+    given = {row[0]["text"]: row for row in page.table("Values that were given")["rows"]}
+    assert given["solid.leaflets.kappa"][3]["text"] == "not recorded", "the origin of every value is there"
+    assert "no study of several grids" not in page.words
+
+
+def test_a_page_of_samples_has_intervals_indices_what_failed_and_the_samples(tmp_path):
+    page, charts = figures(sample_folder(tmp_path / "study"))
+    assert page.column("Outputs", "2.5 %")["u_cm"]["value"] == 1.1
+    assert page.column("Outputs", "97.5 %")["u_cm"]["value"] == 1.9
+    assert page.column("Sobol", "total")["u_cm, mu"]["value"] == 0.9
+    assert page.column("Sobol", "total, 95 % to")["u_cm, mu"]["value"] == 1.05
+    assert page.column("Samples that failed", "reason")["sample 2"]["text"] == "it <broke> down"
+    assert page.column("Inputs and outputs of 3", "mu")["sample 1"]["value"] == 2.5
+    assert page.column("Inputs and outputs of 3", "u_cm")["sample 2"]["text"] == "-"
+    drawn = page.column("Uncertain inputs", "largest drawn")
+    assert drawn["mu"]["value"] == 3.0
+    assert [curve["name"] for curve in charts[0]["panels"][0]["curves"]] == ["s0000", "s0001"]
+    assert "Of 3 samples 2 are drawn" in page.words
+
+
+@pytest.mark.parametrize("stage", ["leaflet", "upstream", "case"])
+def test_a_validation_that_has_begun_says_that_there_is_no_verdict_yet(tmp_path, stage):
+    (tmp_path / stage).mkdir()
+    (tmp_path / stage / "stage.json").write_text("{}")
+    assert "there is no verdict.json yet" in Parsed(html(report([tmp_path]))).words
 
 
 def test_the_numbers_of_a_page_are_those_of_the_summary(page, run):

@@ -163,6 +163,7 @@ def test_runs_that_fail_are_recorded_and_said_and_gone_on_with(study):
     assert [float(row["mu [cP]"]) for row in rows] == pytest.approx(sampling.values[:, 0])
     assert all(row["u_cm"] == "" for k, row in enumerate(rows) if k in thick)
     assert f"FAILED: sample {min(thick)}: StabilityError" in (folder / "sample.md").read_text()
+    check_members(folder, sampling, found.outputs["u_cm"], thick)
     (folder / "limit").unlink()
     found = outputs_of_runs(run_members(case, members, folder, resume=True, jobs=2))
     assert not found.failures
@@ -170,6 +171,18 @@ def test_runs_that_fail_are_recorded_and_said_and_gone_on_with(study):
     assert len((folder / "events").read_text().split()) == 8 + len(thick)
     result = analyse(sampling, found.outputs, {})
     assert draw_samples(sampling, found.outputs, result, folder / "sample.png").stat().st_size > 20_000
+
+
+def check_members(folder, sampling, u, thick):
+    """The result holds the samples themselves: inputs of all, outputs of those that were done."""
+    result = json.loads((folder / "sample.json").read_text())
+    members = result["members"]
+    assert members["inputs"]["mu"] == pytest.approx(sampling.values[:, 0])
+    assert {k for k, value in enumerate(members["outputs"]["u_cm"]) if value is None} == thick
+    assert all(v == pytest.approx(u[k]) for k, v in enumerate(members["outputs"]["u_cm"]) if k not in thick)
+    assert [k for k, state in enumerate(members["state"]) if state == "failed"] == sorted(thick)
+    assert {members["reason"][k] for k in thick} == {"StabilityError: too thick"}
+    assert result["inputs"][0]["from"].startswith("normal: mean ")
 
 
 def exact_in_cgs(sampling):
