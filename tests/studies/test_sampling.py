@@ -18,6 +18,7 @@ from valvefsi.case.circulation import build_circulation
 from valvefsi.case.sample_tables import OrificeModel, load_samples
 from valvefsi.circulation.orifice import Orifice, OrificeLoop
 from valvefsi.errors import CaseError
+from valvefsi.post.plots import sensitivity
 from valvefsi.studies import runner
 from valvefsi.studies.circuit_samples import run_circuits
 from valvefsi.studies.members import collected
@@ -173,6 +174,30 @@ def test_runs_that_fail_are_recorded_and_said_and_gone_on_with(study):
     assert draw_samples(sampling, found.outputs, result, folder / "sample.png").stat().st_size > 20_000
 
 
+def test_a_picture_has_its_outputs_in_the_unit_at_their_axis(monkeypatch, tmp_path):
+    made = []
+    monkeypatch.setattr(sensitivity, "saved", lambda figure, path: made.append(figure))
+    ends = np.array([[0.8, 1.0]])
+    panel = sensitivity.SensitivityPanel(
+        name="u_x_tip_cm",
+        groups=["mu"],
+        first=np.array([0.9]),
+        first_interval=ends,
+        total=np.array([0.9]),
+        total_interval=ends,
+        x=np.arange(3.0),
+        x_label="mu [cP]",
+        y=np.array([0.1, np.nan, 0.3]),
+        interval=(0.1, 0.2, 0.3),
+        text="",
+    )
+    sensitivity.sensitivity_picture(tmp_path / "sample.png", [panel])
+    bars, samples = made[0].axes[:2]
+    assert bars.get_title(loc="left") == "$u_x$ tip [mm]"
+    assert samples.collections[-1].get_offsets()[:, 1].compressed() == pytest.approx([1.0, 3.0])
+    assert samples.get_title(loc="left").startswith("2 (1 to 3)")
+
+
 def check_members(folder, sampling, u, thick):
     """The result holds the samples themselves: inputs of all, outputs of those that were done."""
     result = json.loads((folder / "sample.json").read_text())
@@ -182,7 +207,10 @@ def check_members(folder, sampling, u, thick):
     assert all(v == pytest.approx(u[k]) for k, v in enumerate(members["outputs"]["u_cm"]) if k not in thick)
     assert [k for k, state in enumerate(members["state"]) if state == "failed"] == sorted(thick)
     assert {members["reason"][k] for k in thick} == {"StabilityError: too thick"}
-    assert result["inputs"][0]["from"].startswith("normal: mean ")
+    assert [one["from"] for one in result["inputs"]] == [
+        "uniform: low 10 cP, high 30 cP",
+        "normal: mean 1.0, std 0.5",
+    ]
 
 
 def exact_in_cgs(sampling):

@@ -126,6 +126,7 @@ def draw_samples(sampling: Sampling, outputs: Mapping[str, Array], result: Value
         The path, None where no output has any.
     """
     from valvefsi.post.plots.sensitivity import SensitivityPanel, sensitivity_picture
+    from valvefsi.post.plots.sweep import name_of
 
     panels = []
     for row in [row for row in result["outputs"] if row["indices"]][:DRAWN]:
@@ -137,7 +138,7 @@ def draw_samples(sampling: Sampling, outputs: Mapping[str, Array], result: Value
         name = sampling.inputs.names[column]
         panels.append(
             SensitivityPanel(
-                name=row["output"].rpartition(".")[2],
+                name=name_of(row["output"]),
                 groups=[one["group"] for one in indices],
                 first=_column(indices, "first"),
                 first_interval=_column(indices, "first_interval"),

@@ -95,6 +95,7 @@ def _resize(figure: Figure) -> None:
         line.set_markersize(0.6 * line.get_markersize())
     for axes in figure.axes:
         axes.tick_params(length=2.0, pad=2.0)
+    _bars_as_vectors(figure)
     if across == 1 and None not in specs:
         figure.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02)
         _narrow_legends(figure)
@@ -104,6 +105,16 @@ def _resize(figure: Figure) -> None:
             _fit(figure)
         _break_legends(figure)
     _thin_ticks(figure)
+
+
+def _bars_as_vectors(figure: Figure) -> None:
+    """Draw colour bars as vectors, which matplotlib turns into pixels where they have many colours.
+
+    A colour bar is a mesh one cell across. Edges of the cells' own colours close the hairlines between them.
+    """
+    for mesh in figure.findobj(QuadMesh):
+        if min(np.shape(mesh.get_coordinates())[:2]) == 2:
+            mesh.set(rasterized=False, edgecolor="face", linewidth=0.3)
 
 
 def _narrow_legends(figure: Figure) -> None:
