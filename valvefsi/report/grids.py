@@ -40,7 +40,7 @@ def a_verification(folder: Path, *, trust: bool = False) -> Chapter:
         Section(title="Numbers on the grids", blocks=_grid_numbers(grids, result)),
         Section(
             title="Waveforms of the grids over one another",
-            blocks=[over_one_another(runs, _without_order(result)), *_wave_norms(grids, result)],
+            blocks=[over_one_another(runs), *_wave_norms(grids, result)],
         ),
         Section(title="What else moves the numbers", blocks=_dependence(result)),
         pictures(folder),
@@ -154,10 +154,6 @@ def _wave_norms(grids: Sequence[str], result: Mapping[str, Any]) -> list[Block]:
     caption = "Differences of waveforms between grids, over the norm on the finest"
     words = _in_words(every, "Verdicts on the waveforms in words")
     return [Table(caption=caption, headings=headings, rows=rows), *words]
-
-
-def _without_order(result: Mapping[str, Any]) -> set[str]:
-    return {row["quantity"] for row in result.get("waveforms", ()) if row["kind"] == "no order"}
 
 
 def _dependence(result: Mapping[str, Any]) -> list[Block]:

@@ -15,32 +15,34 @@ from valvefsi.report.blocks import Block, Cell, Figure, Section, Table, missing
 from valvefsi.report.evidence import the_evidence
 from valvefsi.report.geometry import the_geometry
 from valvefsi.report.inputs import the_case, what_was_run
-from valvefsi.report.results import MOST_PANELS, MOST_ROWS, curve, pictures, warnings_of
+from valvefsi.report.results import MOST_ROWS, curve, pictures, warnings_of
 from valvefsi.report.runs import Run
 from valvefsi.report.scenes import the_scene
 from valvefsi.report.words import pretty
 from valvefsi.types import Array
+from valvefsi.verification.answers import why_no_order
 
 FIRST = ("pdva_", "q_", "p_", "u_", "force_", "flow_", "pressure_")
 """Waveforms that are drawn before others."""
-DULL = re.compile(r"step|t_s|courant|energy_.*")
-"""Columns of a history that are not drawn."""
+MOST = 6
+"""Waveforms that are drawn."""
+DULL = re.compile(r"step|t_s|energy_.*")
+"""Columns of a history that are not drawn, beside those without an order."""
 
 
-def over_one_another(runs: Mapping[str, Run], left_out: set[str]) -> Block:
+def over_one_another(runs: Mapping[str, Run]) -> Block:
     """Return the waveforms that all runs have, a panel for each and a curve for each run.
 
     Args:
         runs: The runs by what they are called.
-        left_out: Columns that are not drawn.
     """
     histories = [run.history for run in runs.values() if len(run.history.get("t_s", ())) > 1]
     names = [n for n in (histories[0] if histories else ()) if all(n in history for history in histories)]
-    names = [n for n in names if not DULL.fullmatch(n) and n not in left_out]
+    names = [n for n in names if not DULL.fullmatch(n) and not why_no_order(n)]
     names = [n for n in names if any(np.ptp(history[n]) > 0 for history in histories)]
     names.sort(key=lambda name: (not name.startswith(FIRST), name))
     panels = []
-    for name in names[:MOST_PANELS]:
+    for name in names[:MOST]:
         words, unit, factor = column_label(name)
         curves = [
             curve(member, run.history["t_s"][kept], factor * run.history[name][kept], k)

@@ -172,7 +172,7 @@ def _member_waves(runs: Mapping[str, Run], samples: int) -> list[Section]:
     """Return the waveforms of samples that are runs."""
     if not runs:
         return []
-    blocks = [over_one_another(runs, set())]
+    blocks = [over_one_another(runs)]
     if samples > len(runs):
         blocks.append(
             missing(
