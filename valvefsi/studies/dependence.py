@@ -68,16 +68,17 @@ def kind_of(change: str) -> str:
     return KERNEL if all(key.endswith(".kernel") for key in keys) else OTHER
 
 
-def dependence(changes: Sequence[Mapping[str, Any]]) -> list[Values]:
+def dependence(changes: Sequence[Mapping[str, Any]], *, bodies: bool = True) -> list[Values]:
     """Return a row for each kind of change: what it means, what was changed, and what moves most.
 
     Args:
         changes: Rows of every number and waveform under every change, as ``verification.json`` has them.
+        bodies: Whether there are bodies in the flow, which have kernels.
     """
     rows: list[Values] = []
     for name, kind in KINDS.items():
         own = [row for row in changes if kind_of(row["change"]) == name]
-        if name == OTHER and not own:
+        if not own and (name == OTHER or (name == KERNEL and not bodies)):
             continue
         row: Values = {
             "of": name,
@@ -139,5 +140,7 @@ def add_dependence(result: Values, study: GridStudy, numbers: Mapping[str, float
         study: The study.
         numbers: The numbers of the base's summary by path.
     """
-    result["dependence"] = dependence(result["changes"])
-    result["iterations"] = iterations(study.cases[study.base.name], numbers)
+    case = study.cases[study.base.name]
+    bodies = bool(case.solid) or case.housing is not None
+    result["dependence"] = dependence(result["changes"], bodies=bodies)
+    result["iterations"] = iterations(case, numbers)

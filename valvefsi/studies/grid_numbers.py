@@ -89,7 +89,7 @@ def assess(study: GridStudy, outcomes: Sequence[Outcome], *, trust: bool = False
         names = [m.name for m in kept.values()]
         result["changes"] = [
             *_changed_numbers(numbers, study.base.name, dict(zip(kept, names, strict=True))),
-            *_changed_waves(waves, study.base.name, dict(zip(kept, names, strict=True))),
+            *changed_waves(waves, study.base.name, dict(zip(kept, names, strict=True))),
         ]
         result["time_steps"] = _time_steps(numbers, study, set(done))
         add_dependence(result, study, numbers[study.base.name])
@@ -152,7 +152,7 @@ def waveform_rows(grids: Sequence[Waves], ratios: Sequence[float], expected: flo
         e_k = ||M_k - M_{k+1}|| / ||M_finest||,   order from e_k / e_{k+1},   index 1.25 e / (r^p - 1)
 
     A norm of differences takes the place of a difference of values, so that p is that of the whole waveform; all is
-    taken at the times of the finest grid, as far as all runs go.
+    taken at the times of the grid with the fewest rows, as far as all runs go.
 
     Args:
         grids: Waveforms by column from the coarsest grid on, ``t_s`` among them.
@@ -224,8 +224,14 @@ def _changed_numbers(
     ]
 
 
-def _changed_waves(waves: Mapping[str, Waves], base: str, changed: Mapping[str, str]) -> list[Row]:
-    """Return how far each waveform moves with each change, relative to the base's norm [%]."""
+def changed_waves(waves: Mapping[str, Waves], base: str, changed: Mapping[str, str]) -> list[Row]:
+    """Return how far each waveform moves with each change, relative to the base's norm [%].
+
+    Args:
+        waves: Waveforms by column of each member by its name.
+        base: Name of the base.
+        changed: Name of the member of each change.
+    """
     rows: list[Row] = []
     for key, member in changed.items():
         pair = [waves[base], waves[member]]
@@ -253,9 +259,9 @@ def _time_steps(numbers: Mapping[str, Mapping[str, float]], study: GridStudy, do
 
 
 def _common(grids: Sequence[Waves]) -> Array:
-    """Return the times of the last up to the earliest end of all."""
+    """Return the times of the one with the fewest rows up to the earliest end of all: between rows nothing is known."""
     end = min(float(waves["t_s"][-1]) for waves in grids)
-    t = grids[-1]["t_s"]
+    t = min((waves["t_s"] for waves in grids), key=len)
     return t[t <= end * (1.0 + 1e-12)]
 
 
