@@ -122,3 +122,5 @@ def test_the_button_asks_once_more_and_then_stops_the_run(browser, run):
     assert folder.stop_requested(run)
     browser.until(f"{LINE}.startsWith('Asked to stop at t = 2.5 of 4 s')")
     assert browser.value(f"{STOP}.disabled")
+    said = browser.value("document.getElementById('answer').textContent")
+    assert said == "The run is asked to stop.", "it stays to be read"

@@ -37,6 +37,8 @@ MARGIN = 0.03
 """Left free above and below [in]."""
 TALLER = 1.3
 """How much taller a figure one column wide is for its width than on the screen: its type is larger for its size."""
+DPI = 600
+"""Pixels to an inch of what is no vector, such as the field of a flow."""
 NUMBER = "{:.7g}"
 HEADINGS = ("panel", "axes", "kind", "series", "x", "y", "value")
 _for_paper: ContextVar[bool] = ContextVar("for_paper", default=False)
@@ -67,7 +69,7 @@ def save_for_paper(figure: Figure, path: Path) -> Path:
     _resize(figure)
     _crop(figure)
     with replacing(path.with_suffix(".pdf")) as temporary, mpl.rc_context({"pdf.fonttype": 42}):
-        figure.savefig(temporary)
+        figure.savefig(temporary, dpi=DPI)
     return path.with_suffix(".pdf")
 
 
