@@ -64,6 +64,12 @@ def _grid_study(folder: Path, result: Mapping[str, Any]) -> list[Block]:
         Note(text=f"{name} failed and is in no number: {why}", tone="warning")
         for name, why in result.get("failed", {}).items()
     ]
+    blocks.append(_members(folder, result))
+    return [*blocks, *files_of(folder, ("verification.json", "verification.csv", "changes.csv"))]
+
+
+def _members(folder: Path, result: Mapping[str, Any]) -> Block:
+    """Return the members with what each changes, how it ended and how long it took."""
     spacings = {grid["member"]: grid for grid in result.get("grids", ())}
     rows: list[tuple[Cell, ...]] = []
     for place in sorted(folder.glob("*/member.json"), key=lambda path: path.parent.name):
@@ -95,12 +101,11 @@ def _grid_study(folder: Path, result: Mapping[str, Any]) -> list[Block]:
         "what it changes in the case",
     )
     caption = "Members: the grids, and the base with one thing changed at a time"
-    blocks.append(
+    return (
         Table(caption=caption, headings=headings, rows=rows)
         if rows
         else missing("The members are not beside the result.")
     )
-    return [*blocks, *files_of(folder, ("verification.json", "verification.csv", "changes.csv"))]
 
 
 def _grid_numbers(grids: Sequence[str], result: Mapping[str, Any]) -> list[Block]:
