@@ -76,9 +76,29 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
             "--base 2.5cm"
         },
     ),
+    "verify-channel": (
+        "Pulsatile flow in a channel on three grids, 0 to 0.2 s",
+        {
+            "": 'verify valvefsi/cli/starts/channel/channel.toml --set "time.t_end=0.2 s" --set "time.dt=0.2 ms" '
+            "--grids 0.625mm,0.3125mm,0.15625mm --base 0.3125mm --steps 1,0.5 --ranks 2 "
+            "--also \"grid.upper=['6 cm','1 cm']\""
+        },
+    ),
+    "verify-beam": (
+        "Elastic beam in a channel on three grids that are alike, 0 to 0.4 s",
+        {
+            "": "verify calibration/verify_beam.toml --grids 0.625mm,0.3125mm,0.15625mm --base 0.3125mm "
+            "--along solid.beam.mesh.elements=[4,16],[8,32],[16,64] --steps 1,0.5 --ranks 2 "
+            "--also solid.beam.kernel=ib4 --also \"grid.upper=['4 cm','1 cm']\""
+        },
+    ),
     "sample-loop": (
         "Pulse duplicator with an orifice for the valve, uncertain circuit",
         {"": "sample calibration/sample_loop.toml"},
+    ),
+    "sample-valve": (
+        "Opening of a valve, 0 to 100 ms, h = 2.4 mm, 20 runs",
+        {"": "sample calibration/sample_valve.toml"},
     ),
     "fits": (
         "Fits of measured records",
@@ -91,10 +111,20 @@ COMMANDS: dict[str, tuple[str, dict[str, str]]] = {
 }
 """Name of the results: title, and the command (without ``valvefsi``) behind each case."""
 
-CASES = {"compression": "elements, cells", "refinement-block": "number", "sample-loop": "output"}
+CASES = {
+    "compression": "elements, cells",
+    "refinement-block": "number",
+    "verify-channel": "number",
+    "verify-beam": "number",
+    "sample-loop": "output",
+    "sample-valve": "output",
+}
 """What the names of the cases are, for the heading of a table."""
 FILES = {"fit": "fit.json", "verify": "verification.json", "sample": "sample.json"}
 """What a command leaves its result in, where that is not ``result.json``."""
+MOST = 100
+"""Samples of a study up to which they are kept one by one."""
+PARTS = ("inputs", "outputs")
 FIT = {
     "half_sum_of_squares": "half sum of squares",
     "r_squared": "R2",
@@ -108,11 +138,12 @@ def main(names: list[str]) -> None:
     """Run the named groups of commands, all where nothing is named."""
     for name in names or COMMANDS:
         title, cases = COMMANDS[name]
-        runs, rows, environment = [], [], {}
+        runs, rows, environment, samples = [], [], {}, {}
         for case, command in cases.items():
             print(f"{name}: valvefsi {command}", flush=True)
             result = call(command)
             rows += [{"case": case} | row for row in quantities(result)]
+            samples |= samples_of(result)
             environment = result.get("environment", environment)
             runs.append(
                 {
@@ -124,7 +155,7 @@ def main(names: list[str]) -> None:
             )
         cases_are = {"cases": CASES[name]} if name in CASES else {}
         head = {"title": title, **cases_are, "origin": "run", "commit": commit(), **where(environment)}
-        text = json.dumps(head | {"runs": runs, "quantities": rows}, indent=1, ensure_ascii=False)
+        text = json.dumps(head | {"runs": runs, "quantities": rows} | samples, indent=1, ensure_ascii=False)
         (RESULTS / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
@@ -171,7 +202,7 @@ def refined(result: dict[str, Any]) -> list[dict[str, Any]]:
     }
     rows = []
     for row in result["quantities"]:
-        if not row["quantity"].startswith("last.") or row["kind"] == "unchanged":
+        if not row["quantity"].startswith("last.") or row["kind"] in ("unchanged", "no order"):
             continue
         case = {"case": row["quantity"].removeprefix("last.")}
         for grid, value in zip(result["grids"], row["values"], strict=True):
@@ -200,6 +231,15 @@ def sampled(result: dict[str, Any]) -> list[dict[str, Any]]:
             rows.append({**case, "quantity": f"S_T {one['group']}", "computed": round(one["total"], 3)})
             rows.append({**case, "quantity": f"+- {one['group']}", "computed": round((high - low) / 2, 3)})
     return rows
+
+
+def samples_of(result: dict[str, Any]) -> dict[str, Any]:
+    """Return the samples of a study themselves, by columns: how each ended, its inputs and outputs."""
+    members = result.get("members", {})
+    if not 0 < len(members.get("sample", ())) <= MOST:
+        return {}
+    kept = {kind: {n: [rounded(v) for v in values] for n, values in members[kind].items()} for kind in PARTS}
+    return {"samples": {key: members[key] for key in ("state", "reason")} | kept}
 
 
 def rounded(value: object) -> object:

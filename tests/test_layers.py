@@ -47,6 +47,7 @@ INSIDE = {
     ],
     "post": [
         {"diagnostics", "valve_record"},
+        {"slices"},
         {"valve_times", "plots", "coaptation", "flutter", "leaflet_places"},
         {"valve_numbers"},
         {"valve_phases"},
@@ -57,6 +58,7 @@ INSIDE = {
         {"runner", "loop_stages"},
         {"planning", "sweep", "beats", "sample_inputs", "circuit_samples", "figures"},
         {"sweep_picture", "validation", "grid_study"},
+        {"dependence"},
         {"grid_numbers", "grid_report", "sampling"},
         {"sample_runs", "sample_report", "static_samples"},
     ],
@@ -64,7 +66,8 @@ INSIDE = {
         {"blocks", "runs", "words"},
         {"geometry", "inputs", "results", "evidence", "writing"},
         {"scenes", "others"},
-        {"compared", "live"},
+        {"compared", "live", "members"},
+        {"grids", "samples"},
         {"folders", "serving"},
     ],
     "benchmarks": [

@@ -39,6 +39,7 @@ def test_the_cost_is_said_first_and_what_is_done_is_neither_planned_nor_run_agai
     planned = verify("--plan")
     assert planned.exit_code == 0
     assert "2 members, " in planned.stdout
+    assert "note: TWO GRIDS: no observed order" in planned.stdout
     assert not verify.folder.exists()
     first = verify("--jobs", "1").stdout
     assert first.index("expected time") < first.index("h=0.25: done in")
@@ -46,6 +47,9 @@ def test_the_cost_is_said_first_and_what_is_done_is_neither_planned_nor_run_agai
     assert "1 members, " in more
     assert more.index("h=0.0625 ") < more.index("2 of 3 members done before")
     assert "OSCILLATING: differences change sign" in " ".join(more.split())
+    assert "TWO GRIDS" not in more
+    assert "NOT VARIED: --ranks 2 does" in " ".join(more.split())
+    assert "block_J_max" not in more, "it has no order"
     assert "order 2.00, index 0.114 %" in " ".join(more.split())
     assert more.splitlines()[-1] == f"results in {verify.folder / 'verification.md'}, verification.png"
     assert (verify.folder / "events").read_text().split() == ["h=0.25", "h=0.125", "h=0.0625"]

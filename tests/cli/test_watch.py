@@ -40,7 +40,7 @@ EVIL = "</script><script>window.hacked=1</script>"
 @contextlib.contextmanager
 def served(out):
     """The server of a folder's page, answering in a thread."""
-    with PageServer(LiveRun(out)) as server:
+    with PageServer(out) as server:
         threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
         yield server
         server.shutdown()
@@ -49,7 +49,7 @@ def served(out):
 def ask(address, method="GET", path="", *, host=None):
     """Status and text of an answer; the path is taken from the page's address unless it begins with /."""
     parts = urlsplit(address)
-    connection = http.client.HTTPConnection(parts.hostname, parts.port, timeout=20)
+    connection = http.client.HTTPConnection(parts.hostname, parts.port, timeout=180)
     connection.putrequest(method, path if path.startswith("/") else parts.path + path, skip_host=True)
     if host != "":
         connection.putheader("Host", host or parts.netloc)
@@ -98,6 +98,10 @@ REFUSED = [
     ("POST", "stop", "evil.example"),
     ("POST", "stop", "[::1"),
     ("POST", "stop", ""),
+    ("POST", "stop", "127.0.0.1"),
+    ("POST", "stop", "127.0.0.1:1"),
+    ("GET", "", "localhost:8000"),
+    ("GET", "", "127.0.0.1:none"),
 ]
 
 
@@ -120,13 +124,15 @@ def test_a_token_that_is_nearly_right_is_refused(tmp_path, change):
         assert len(server.token) >= 32
 
 
-def test_the_page_is_at_this_machine_only_under_any_of_its_ports(tmp_path):
+def test_the_page_is_at_this_machine_only_under_its_own_port(tmp_path):
     with served(tmp_path) as one, served(tmp_path) as other:
         assert one.socket.getsockname()[0] == "127.0.0.1"
         assert one.server_port != other.server_port
         assert one.token != other.token
-        for host in ("localhost:8000", "127.0.0.1"):  # a tunnel ends at another port
-            assert ask(one.address, host=host)[0] == 200
+        assert ask(one.address, host=f"localhost:{one.server_port}")[0] == 200
+        status, said = ask(one.address, host=f"localhost:{other.server_port}")
+        assert status == 403
+        assert f"ssh -L {one.server_port}:127.0.0.1:{one.server_port}" in said
         assert ask(one.address, path="other")[0] == 404
         assert ask(one.address, "POST")[0] == 404
 
@@ -181,6 +187,25 @@ def test_what_the_page_shows_grows_with_the_run(tmp_path):
     assert curve["x"]["shape"] == [7], "a row every five steps"
     assert first["layout"] != later["layout"], "the page is loaded again where a figure is added"
     assert later["layout"] == again["layout"]
+
+
+def test_a_page_that_nobody_looks_at_loads_nothing_and_yields_to_its_run(whole):
+    """Of what reads a run and draws it, nothing is loaded before the first request with the token."""
+    words = [sys.executable, "-m", "valvefsi", "watch", str(whole), "--with-run"]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=without_launcher()
+    ) as process:
+        address, maps = process.stdout.readline().strip(), Path(f"/proc/{process.pid}/maps")
+        assert ask(address, path="/state")[0] == 403
+        before = maps.read_text()
+        assert ask(address)[0] == 200
+        after = maps.read_text()
+        lower = os.getpriority(os.PRIO_PROCESS, process.pid) - os.getpriority(os.PRIO_PROCESS, 0)
+        process.kill()
+    for library in ("numpy", "dolfinx"):
+        assert (f"/{library}/" in before, f"/{library}/" in after) == (False, True)
+    assert "/matplotlib/" not in after, "the page draws in the browser"
+    assert lower == 5
 
 
 def test_a_request_for_an_earlier_run_stops_no_later_one(tmp_path, monkeypatch, whole):

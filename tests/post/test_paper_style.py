@@ -83,6 +83,25 @@ def test_panels_side_by_side_are_two_columns_wide(tmp_path):
     assert cells == [(0.5, 0.5, 5.0), (1.5, 0.5, 7.0)]
 
 
+@pytest.mark.parametrize("way", ["vertical", "horizontal"])
+def test_a_colour_bar_is_of_vectors_and_closes_its_hairlines(tmp_path, way):
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0, 4.0))
+    figure.add_axes((0.1, 0.2, 0.6, 0.7)).plot([0.0, 1.0])
+    place = figure.add_axes((0.85, 0.2, 0.03, 0.7) if way == "vertical" else (0.1, 0.06, 0.6, 0.03))
+    bar = figure.colorbar(ScalarMappable(cmap="viridis"), cax=place, orientation=way)
+    assert bar.solids.get_rasterized(), "what matplotlib does by itself"
+    with paper():
+        path = base.saved(figure, tmp_path / "bar.png")
+    _, content, raw = size(path)
+    assert b"/Subtype /Image" not in raw
+    colours = {bytes(c) for c in re.findall(rb"([\d.]+ [\d.]+ [\d.]+) rg", content)}
+    assert len(colours) > 200
+    assert {bytes(c) for c in re.findall(rb"([\d.]+ [\d.]+ [\d.]+) RG", content)} >= set(list(colours)[5:9])
+
+
 def test_nothing_of_a_figure_leaves_its_page(tmp_path, monkeypatch):
     kept = []
     monkeypatch.setattr(base, "save_for_paper", lambda figure, path: kept.append(figure) or path)

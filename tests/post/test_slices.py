@@ -17,7 +17,7 @@ from valvefsi.io.grid_files import GridFields, nearest_time, read_grid, times_of
 from valvefsi.io.paraview import FluidSeries, SolidSeries
 from valvefsi.io.solid_body import Body
 from valvefsi.post.movies import draw_movie, draw_plane, find_ffmpeg
-from valvefsi.post.plots.slice import Plane, cut, field_of, outline, scale_of
+from valvefsi.post.slices import Plane, cut, field_of, outline, scale_of
 from valvefsi.units import MMHG
 
 CELLS = (7, 6, 5)

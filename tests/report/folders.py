@@ -204,6 +204,110 @@ def sweep_folder(folder):
     return folder
 
 
+def grids_folder(folder, *, notes=()):
+    """The folder of a study of three grids of a valve, one of which failed, and of the finest with another kernel."""
+    names = {"h=2mm": 0.2, "h=1mm": 0.1, "h=0.5mm": 0.05, "h=0.5mm,kernel=ib4": 0.05}
+    for name, h in names.items():
+        valve_folder(folder / name)
+        record = {"member": name, "overrides": [f"grid.h={h} cm"], "state": "done", "wall_s": 3.0}
+        (folder / name / "member.json").write_text(json.dumps(record))
+    row = {
+        "quantity": "last.u_cm",
+        "values": [3.4, 3.2, 3.1],
+        "kind": "monotone",
+        "order": 1.0,
+        "index": 0.04,
+    }
+    row |= {"extrapolated": 3.0, "uncertainty": 0.125, "text": "order 1.00, index 4.03 %"}
+    time = {
+        "quantity": "last.at_s",
+        "values": [0.1, 0.2, 0.1],
+        "kind": "no order",
+        "order": None,
+        "index": None,
+    }
+    time |= {"extrapolated": None, "uncertainty": None, "text": "no order: a <time> of an event"}
+    wave = {"quantity": "p_z_lower_mmHg", "norm": "L2", "differences": [0.2, 0.1], "kind": "monotone"}
+    wave |= {"order": 1.0, "index": 0.125, "uncertainty": 0.13, "text": "order 1.00"}
+    kinds = ("time step", "NOT VARIED: --steps does"), ("kernel", "varied")
+    of = [
+        {
+            "of": of,
+            "meaning": f"of the {of}",
+            "changes": ["solid.x.kernel=ib4"] * (said == "varied"),
+            "text": said,
+        }
+        | {"number": "last.u_cm", "number_percent": 0.5, "waveform": None, "waveform_percent": None}
+        for of, said in kinds
+    ]
+    change = {"quantity": "last.u_cm", "change": "solid.x.kernel=ib4", "difference_percent": 0.5}
+    beat = {
+        "quantity": "peak_flow_ml_per_s",
+        "values": [400.0, 404.0, 405.0],
+        "error": 0.3333,
+        "error_percent": 0.08,
+    }
+    result = {
+        "case": "porcine.toml",
+        "version": "0.2.0",
+        "grids": [{"member": name, "h_cm": h, "dt_s": 1e-4} for name, h in list(names.items())[:3]],
+        "expected_order": 1.0,
+        "base": "h=0.5mm",
+        "notes": ["the time step is <the same>", *notes],
+        "failed": {"h=0.4mm": "it <broke> down"},
+        "quantities": [row, time],
+        "waveforms": [wave, {**wave, "quantity": "courant", "kind": "no order"}],
+        "changes": [change],
+        "time_steps": [{**row, "factors": [1.0, 0.5, 0.25]}],
+        "dependence": of,
+        "iterations": {"solves": "direct", "beats": [beat], "text": "of beats"},
+    }
+    (folder / "verification.json").write_text(json.dumps(result))
+    return folder
+
+
+def sample_folder(folder, *, runs=True):
+    """The folder of three samples of two inputs, the last of which failed."""
+    for number in range(2 if runs else 0):
+        valve_folder(folder / f"s{number:04d}")
+    folder.mkdir(exist_ok=True)
+    index = {
+        "group": "mu",
+        "first": 0.7,
+        "first_interval": [0.6, 0.8],
+        "total": 0.9,
+        "total_interval": [0.75, 1.05],
+    }
+    poor = "polynomial chaos; it misses 40 % of the variance: DO NOT TRUST these indices"
+    output = {"output": "u_cm", "count": 2, "mean": 1.5, "std": 0.25, "median": 1.4, "low": 1.1, "high": 1.9}
+    result = {
+        "title": "tolerances <of> a valve",
+        "study": "study.toml",
+        "case": "porcine.toml",
+        "target": "case" if runs else "circuit",
+        "version": "0.2.0",
+        "changes": [],
+        "samples": 3,
+        "design": {"method": "latin-hypercube", "size": 3, "seed": 0},
+        "groups": {"mu": ["mu"]},
+        "inputs": [
+            {"name": "mu", "key": "fluid.viscosity", "unit": "cP", "from": "uniform: low 1 cP, high 3 cP"}
+        ],
+        "failed": {"2": "it <broke> down"},
+        "notes": ["1 of 3 samples FAILED and are in no number"],
+        "outputs": [{**output, "text": poor, "indices": [index]}],
+        "members": {
+            "sample": [0, 1, 2],
+            "state": ["done", "done", "failed"],
+            "reason": ["", "", "it <broke> down"],
+            "inputs": {"mu": [1.25, 2.5, 3.0]},
+            "outputs": {"u_cm": [1.25, 1.75, None]},
+        },
+    }
+    (folder / "sample.json").write_text(json.dumps(result))
+    return folder
+
+
 def validation_folder(folder):
     """The folder of a validation whose last stage has been made."""
     (folder / "compare").mkdir(parents=True)

@@ -199,5 +199,11 @@ def test_printing_draws_every_figure_and_opens_what_is_folded(browser, page):
     assert browser.value(
         "[...document.querySelectorAll('figure.drawn')].every(f => f.dataset.done === 'yes')"
     )
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    tall = "(s => document.querySelector(s).getBoundingClientRect().height)('.panels .view{}')"
+    assert browser.value(tall.format("")) >= browser.value(tall.format(" .main-svg")) > 100, (
+        "nothing lies over it"
+    )
+    browser.call("Emulation.setEmulatedMedia", media="")
     printed = browser.call("Page.printToPDF", printBackground=False)["data"]
     assert len(printed) > 50_000

@@ -13,7 +13,6 @@ from tests.report.browser import PROGRAM, Browser
 from tests.report.folders import valve_folder
 from tests.report.test_browser import contrast, seen
 from valvefsi.io import folder
-from valvefsi.report.live import LiveRun
 from valvefsi.report.serving import PageServer
 
 pytestmark = [
@@ -45,7 +44,7 @@ def run(tmp_path_factory):
 @pytest.fixture(scope="module")
 def address(run):
     """Where its page is."""
-    with PageServer(LiveRun(run)) as server:
+    with PageServer(run) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield server.address
         server.shutdown()
@@ -123,3 +122,5 @@ def test_the_button_asks_once_more_and_then_stops_the_run(browser, run):
     assert folder.stop_requested(run)
     browser.until(f"{LINE}.startsWith('Asked to stop at t = 2.5 of 4 s')")
     assert browser.value(f"{STOP}.disabled")
+    said = browser.value("document.getElementById('answer').textContent")
+    assert said == "The run is asked to stop.", "it stays to be read"

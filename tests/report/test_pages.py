@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import json
 import re
@@ -19,6 +20,8 @@ from tests.report.folders import (
     Parsed,
     benchmark_folder,
     fit_folder,
+    grids_folder,
+    sample_folder,
     sweep_folder,
     validation_folder,
     valve_folder,
@@ -65,6 +68,9 @@ def of_kind(kind, folder):
         "benchmark": benchmark_folder,
         "sweep": sweep_folder,
         "validation": validation_folder,
+        "grids": grids_folder,
+        "sample": sample_folder,
+        "circuit": functools.partial(sample_folder, runs=False),
     }
     return Parsed(html(report([makers[kind](folder / kind)])))
 
@@ -110,7 +116,7 @@ def test_the_page_of_a_run_has_its_parts_and_every_table_names_itself(page):
     assert kinds == ["scene", "chart"]
 
 
-@pytest.mark.parametrize("kind", ["fit", "benchmark", "sweep", "validation"])
+@pytest.mark.parametrize("kind", ["fit", "benchmark", "sweep", "validation", "grids", "sample", "circuit"])
 def test_other_folders_have_pages_of_the_same_structure(kind, tmp_path):
     found = of_kind(kind, tmp_path)
     check_structure(found)
@@ -119,6 +125,9 @@ def test_other_folders_have_pages_of_the_same_structure(kind, tmp_path):
         "benchmark": ("drag", "3.3333", "Versions and machine are not recorded."),
         "sweep": ("kappa=2 failed: it <broke> down", "porcine.toml"),
         "validation": ("raise max_beats", "run-1mm - record, p_lv", "no"),
+        "grids": ("h=0.4mm failed and is in no number: it <broke> down", "NOT VARIED: --steps does"),
+        "sample": ("1 of 3 samples failed", "DO NOT TRUST", "Waveforms of the samples over one another"),
+        "circuit": ("uniform: low 1 cP, high 3 cP", "The folder holds no pictures."),
     }
     for text in expected[kind]:
         assert text in found.words

@@ -2,6 +2,7 @@
 
 ``u_x_tip_cm`` is 3 + 0.7 h^2 + 0.2 dt, and 1 % more where the viscosity is 0.2; ``p_z_lower_mmHg`` is a wave of size
 1 + h; ``shaky_cm`` changes sign from grid to grid and settles, ``worse_cm`` grows apart, ``fixed_cm`` stays.
+``block_J_max`` and ``largest_at_s`` go with h, and are an extreme and a time.
 A spacing that stands in ``broken`` of the folder above fails; what began is written to ``events`` there.
 """
 
@@ -42,6 +43,8 @@ def main() -> None:
         "worse_cm": 2.0**level,
         "fixed_cm": 4.0,
         "kinetic_energy_erg": 2.0 + h,
+        "block_J_max": 1.0 + h,
+        "largest_at_s": 0.1 + h,
     }
     timing = {"steps": ROWS, "wall_s": 1.0}
     (out / "summary.json").write_text(json.dumps({"last": last, "timing": timing}))

@@ -17,7 +17,15 @@ from valvefsi.case import load_case
 from valvefsi.errors import CaseError
 from valvefsi.post.valve_beat import Beat
 from valvefsi.studies import runner
-from valvefsi.studies.grid_numbers import assess, beat_rows, numbers_of, waveform_rows, without_round_off
+from valvefsi.studies.dependence import dependence, iterations, kind_of
+from valvefsi.studies.grid_numbers import (
+    assess,
+    beat_rows,
+    changed_waves,
+    numbers_of,
+    waveform_rows,
+    without_round_off,
+)
 from valvefsi.studies.grid_report import draw_verification, write_verification
 from valvefsi.studies.grid_study import Wanted, make_grid_study
 from valvefsi.studies.runner import run_members, waiting_members
@@ -96,6 +104,7 @@ def test_what_goes_with_the_grid_is_said(case):
         ({"grids": "0.125,0.25"}, "expected spacings from coarse to fine, found 1.25 mm, 2.5 mm"),
         ({"grids": "0.25,0.15"}, r"member h=0.15: grid.h = 0.15: an axis is not a whole number of cells"),
         ({"base": "0.5"}, r"--base = '0.5': expected one of the grids 0.25, 0.125, 0.0625"),
+        ({"ranks": [0]}, r"--ranks = 0: expected whole numbers above 0"),
         ({"steps": [2.0]}, r"--steps = 2.0: expected factors above 0, 1 at most"),
         ({"along": ["fluid.density=1,2"]}, "expected a value for each of 3 grids, found 2"),
         ({"also": ["fluid.viscosity=-1"]}, r"member h=0.0625,viscosity=-1: fluid.viscosity = -1.0: expected"),
@@ -110,28 +119,36 @@ def test_a_study_that_cannot_be_run_is_refused_before_anything_starts(case, opti
 def test_answers_of_known_order_are_found_and_what_failed_is_named(case, tmp_path):
     folder = tmp_path / "study"
     folder.mkdir()
-    study = make_grid_study(case, wanted(steps=[0.5, 0.25], also=["fluid.viscosity=0.2"]))
+    box = "grid.lower=[-1, 0] & grid.upper=[2, 1]"
+    also = ["fluid.viscosity=0.2", box]
+    study = make_grid_study(case, wanted(steps=[0.5, 0.25], also=also, ranks=[1, 2]))
+    assert not any("GRID" in note for note in study.notes())
     (folder / "broken").write_text("0.25")
     outcomes = run_members(case, study.members, folder, jobs=2)
     partly = assess(study, outcomes)
     assert partly["failed"] == {"h=0.25": "ConvergenceError: it does not converge"}
-    assert {row["kind"] for row in partly["quantities"]} == {"two grids"}
+    assert {row["kind"] for row in partly["quantities"]} == {"two grids", "no order"}
+    assert partly["notes"][0].startswith("TWO GRIDS: no observed order, no Richardson value")
     (folder / "broken").unlink()
     with pytest.raises(CaseError, match="--resume goes on"):
         waiting_members(case, study.members, folder)
     assert waiting_members(case, study.members, folder, resume=True) == [study.grids[0]]
     outcomes = run_members(case, study.members, folder, resume=True)
     began = (folder / "events").read_text().split()
-    assert len(began) == 7, "what is done is not done again"
+    assert len(began) == 10, "what is done is not done again"
+    assert began.count("h=0.0625,ranks=2") == 2, "one of them is run on two ranks"
     result = assess(study, outcomes)
     check_numbers({row["quantity"]: row for row in result["quantities"]})
     check_changes(result)
+    check_dependence(result, box)
     write_verification(case, study, result, folder)
     picture = draw_verification("box", result, outcomes, folder / "verification.png", study)
     assert picture.stat().st_size > 20_000
     page = (folder / "verification.md").read_text()
     assert "| last.u_x_tip_cm | 3.0457 | 3.0129 | 3.0047 | 2 | 3.002 |" in page
     assert "| last.u_x_tip_cm | 3.0047 | 3.0037 | 3.0032 | 1 |" in page
+    assert "| other | whatever else was asked for | last.u_x_tip_cm, +1 % | " in page
+    assert "Iterations: the fluid's solves are direct: " in page
     assert json.loads((folder / "verification.json").read_text())["quantities"] == result["quantities"]
     with (folder / "verification.csv").open() as file:
         rows = {(row["quantity"], row["norm"]): row for row in csv.DictReader(file)}
@@ -151,7 +168,13 @@ def check_numbers(rows):
         "worse_cm": "diverging",
         "fixed_cm": "unchanged",
         "kinetic_energy_erg": "monotone",
+        "block_J_max": "no order",
+        "largest_at_s": "no order",
     }
+    for name in ("block_J_max", "largest_at_s"):
+        row = rows[f"last.{name}"]
+        assert (row["order"], row["index"], row["extrapolated"], row["uncertainty"]) == (None,) * 4
+        assert row["text"].endswith("it ranges over 0.1875")
 
 
 def check_changes(result):
@@ -165,6 +188,54 @@ def check_changes(result):
     waves = [row for row in result["changes"] if "norm" in row]
     assert {row["difference_percent"] for row in waves} == {0.0}
     assert {row["quantity"] for row in waves} == {"p_z_lower_mmHg"}
+
+
+def check_dependence(result, box):
+    """Each kind of change has its row; what was not varied is said."""
+    rows = {row["of"]: row for row in result["dependence"]}
+    assert list(rows) == ["time step", "ranks", "domain size", "other"], "there is no body, and no kernel"
+    assert rows["domain size"]["changes"] == [box]
+    assert rows["ranks"]["changes"] == ["ranks=2"]
+    assert rows["ranks"]["number_percent"] == 0.0
+    assert rows["other"]["number"] == "last.u_x_tip_cm"
+    assert rows["other"]["number_percent"] == pytest.approx(1.0)
+    assert rows["time step"]["number_percent"] == pytest.approx(-100 * 0.2 * 0.0075 / 3.0047, rel=1e-3)
+    assert rows["time step"]["text"] == "varied"
+    rows = {row["of"]: row for row in dependence([])}
+    assert list(rows) == ["time step", "ranks", "domain size", "kernel"]
+    assert {(row["number"], row["waveform"], row["text"][:10]) for row in rows.values()} == {
+        (None, None, "NOT VARIED")
+    }
+
+
+def test_what_beats_leave_is_in_the_iterations_and_what_is_not_known_is_said(case):
+    base = load_case(case)
+    numbers = {f"valve.cycles.{k}.cardiac_output_l_per_min": 5.0 + 0.4 * 0.25**k for k in range(3)}
+    found = iterations(base, numbers | {"valve.cycles.2.closing_volume_ml": 3.0})
+    (row,) = found["beats"]
+    assert row["quantity"] == "cardiac_output_l_per_min"
+    assert row["error"] == pytest.approx(0.4 * 0.25**2)
+    assert row["error_percent"] == pytest.approx(100 * 0.025 / 5.025)
+    assert "direct" in found["solves"]
+    assert iterations(base, {})["text"] == "nothing repeats in this case"
+    coupled = load_case(case, ["fluid.viscous=coupled"])
+    assert iterations(coupled, {})["solves"] == "FGMRES ends at a residual of 1e-10 of that of no change"
+
+
+@pytest.mark.parametrize(
+    ("change", "kind"),
+    [
+        ("time step x 0.5", "time step"),
+        ("ranks=2", "ranks"),
+        ("solid.leaflets.kernel=ib4", "kernel"),
+        ("grid.upper=[3, 1]", "domain size"),
+        ("grid.lower=[-3, 0, 0] & fluid.sides.z_lower.centre=[0, 0, -3]", "domain size"),
+        ("grid.h=1mm", "other"),
+        ("fluid.viscosity=2", "other"),
+    ],
+)
+def test_a_change_is_of_the_kind_that_it_is_of(change, kind):
+    assert kind_of(change) == kind
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
@@ -188,6 +259,18 @@ def test_a_waveform_of_known_order_is_found_whatever_the_times(order):
     assert last["index"] == pytest.approx(1.25 * 0.1**order * error / size, rel=1e-3)
     wrong = [waves(0), waves(2), waves(1)]
     assert waveform_rows(wrong, ratios, 2.0)[0]["order"] != pytest.approx(order, rel=1e-2)
+
+
+def test_rows_that_one_run_has_and_another_has_not_make_no_difference():
+    """A wave that starts at once, written every 4 ms and every 2 ms: the same where both have a row."""
+    waves = {}
+    for name, dt in (("base", 4e-3), ("half", 2e-3)):
+        t = np.arange(0.0, 0.1001, dt)
+        waves[name] = {"t_s": t, "p_mmHg": np.where(t > 0.0, 5.0 + np.sin(40 * t), 0.0)}
+    rows = changed_waves(waves, "base", {"time step x 0.5": "half"})
+    assert [row["difference_percent"] for row in rows] == pytest.approx([0.0, 0.0], abs=1e-9)
+    (row, _) = waveform_rows([waves["base"], waves["half"]], [2.0], 1.0)
+    assert row["differences"] == pytest.approx([0.0], abs=1e-12)
 
 
 def test_two_waveforms_have_no_order_and_one_has_no_row():

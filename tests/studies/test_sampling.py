@@ -18,6 +18,7 @@ from valvefsi.case.circulation import build_circulation
 from valvefsi.case.sample_tables import OrificeModel, load_samples
 from valvefsi.circulation.orifice import Orifice, OrificeLoop
 from valvefsi.errors import CaseError
+from valvefsi.post.plots import sensitivity
 from valvefsi.studies import runner
 from valvefsi.studies.circuit_samples import run_circuits
 from valvefsi.studies.members import collected
@@ -163,6 +164,7 @@ def test_runs_that_fail_are_recorded_and_said_and_gone_on_with(study):
     assert [float(row["mu [cP]"]) for row in rows] == pytest.approx(sampling.values[:, 0])
     assert all(row["u_cm"] == "" for k, row in enumerate(rows) if k in thick)
     assert f"FAILED: sample {min(thick)}: StabilityError" in (folder / "sample.md").read_text()
+    check_members(folder, sampling, found.outputs["u_cm"], thick)
     (folder / "limit").unlink()
     found = outputs_of_runs(run_members(case, members, folder, resume=True, jobs=2))
     assert not found.failures
@@ -170,6 +172,45 @@ def test_runs_that_fail_are_recorded_and_said_and_gone_on_with(study):
     assert len((folder / "events").read_text().split()) == 8 + len(thick)
     result = analyse(sampling, found.outputs, {})
     assert draw_samples(sampling, found.outputs, result, folder / "sample.png").stat().st_size > 20_000
+
+
+def test_a_picture_has_its_outputs_in_the_unit_at_their_axis(monkeypatch, tmp_path):
+    made = []
+    monkeypatch.setattr(sensitivity, "saved", lambda figure, path: made.append(figure))
+    ends = np.array([[0.8, 1.0]])
+    panel = sensitivity.SensitivityPanel(
+        name="u_x_tip_cm",
+        groups=["mu"],
+        first=np.array([0.9]),
+        first_interval=ends,
+        total=np.array([0.9]),
+        total_interval=ends,
+        x=np.arange(3.0),
+        x_label="mu [cP]",
+        y=np.array([0.1, np.nan, 0.3]),
+        interval=(0.1, 0.2, 0.3),
+        text="",
+    )
+    sensitivity.sensitivity_picture(tmp_path / "sample.png", [panel])
+    bars, samples = made[0].axes[:2]
+    assert bars.get_title(loc="left") == "$u_x$ tip [mm]"
+    assert samples.collections[-1].get_offsets()[:, 1].compressed() == pytest.approx([1.0, 3.0])
+    assert samples.get_title(loc="left").startswith("2 (1 to 3)")
+
+
+def check_members(folder, sampling, u, thick):
+    """The result holds the samples themselves: inputs of all, outputs of those that were done."""
+    result = json.loads((folder / "sample.json").read_text())
+    members = result["members"]
+    assert members["inputs"]["mu"] == pytest.approx(sampling.values[:, 0])
+    assert {k for k, value in enumerate(members["outputs"]["u_cm"]) if value is None} == thick
+    assert all(v == pytest.approx(u[k]) for k, v in enumerate(members["outputs"]["u_cm"]) if k not in thick)
+    assert [k for k, state in enumerate(members["state"]) if state == "failed"] == sorted(thick)
+    assert {members["reason"][k] for k in thick} == {"StabilityError: too thick"}
+    assert [one["from"] for one in result["inputs"]] == [
+        "uniform: low 10 cP, high 30 cP",
+        "normal: mean 1.0, std 0.5",
+    ]
 
 
 def exact_in_cgs(sampling):

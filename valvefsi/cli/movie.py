@@ -11,7 +11,7 @@ from valvefsi.cli.options import not_a_folder
 from valvefsi.errors import CaseError
 
 if TYPE_CHECKING:
-    from valvefsi.post.plots.slice import Plane
+    from valvefsi.post.slices import Plane
 
 Cut = Annotated[
     str | None,
@@ -24,7 +24,7 @@ def read_plane(text: str | None) -> Plane | None:
     from pydantic_core import PydanticCustomError
 
     from valvefsi.case.quantities import Quantity
-    from valvefsi.post.plots.slice import Plane
+    from valvefsi.post.slices import Plane
 
     if text is None:
         return None

@@ -120,7 +120,7 @@ def _draw_solids(folder: Path, out: Path, field: str | None, t: float | None) ->
 
 def _is_of_fluid(folder: Path, field: str | None) -> bool:
     """Whether a field is one that only the fluid of a run has; nothing is its speed where there are no solids."""
-    from valvefsi.post.plots.slice import DERIVED
+    from valvefsi.post.slices import DERIVED
 
     known = {*DERIVED, "pressure", "mean_pressure", "turbulence_kinetic_energy"}
     series = (folder / "paraview" / "fluid.pvd").is_file()

@@ -21,7 +21,8 @@ class ReportCommand:
         list[Path],
         typer.Argument(
             metavar="DIR...",
-            help="Folders of a run, a fit, a benchmark, a sweep or a validation; a record (CSV) beside a run.",
+            help="Folders of a run, a fit, a benchmark, a sweep, a validation, grids (verify) or samples; a record "
+            "(CSV) beside a run.",
         ),
     ]
     out: Annotated[

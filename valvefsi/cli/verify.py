@@ -15,6 +15,7 @@ from valvefsi.cli.option_groups import as_number, options_of
 from valvefsi.cli.options import Anew, CaseFile, JobsOfMembers, Out, PlanMembers, Set, Trust
 from valvefsi.cli.study_plan import print_plan, raise_failed
 from valvefsi.cli.tables import print_lines, print_table
+from valvefsi.verification.answers import why_no_order
 
 if TYPE_CHECKING:
     from valvefsi.studies.grid_study import GridStudy
@@ -51,11 +52,15 @@ class VerifyCommand:
         typer.Option(
             "--also",
             metavar="KEY=VALUE,...",
-            help="A change of the base grid's run, alone: the box, a kernel. Repeatable.",
+            help="A change of the base grid's run, alone: a kernel, or the box (two keys: A=V & B=V). Repeatable.",
         ),
     ] = None
+    ranks: Annotated[
+        str | None, typer.Option(metavar="N,N", help="Numbers of ranks to run the base on again, such as 2.")
+    ] = None
     base: Annotated[
-        str | None, typer.Option(metavar="H", help="Grid of --steps and --also; the finest if left out.")
+        str | None,
+        typer.Option(metavar="H", help="Grid of --steps, --also and --ranks; the finest if left out."),
     ] = None
     order: Annotated[
         float | None,
@@ -78,11 +83,12 @@ class VerifyCommand:
 def verify(options: VerifyCommand) -> None:
     """Run a case on several grids: observed order, Richardson's value and uncertainty of every number and waveform.
 
-    Smaller time steps (--steps) and other changes (--also) are compared with the base, one at a time. What it will
-    cost is printed first. The folder gets verification.json, verification.csv, verification.md, changes.csv and
-    verification.png; the grid convergence index is that of Celik et al. (2008).
+    Smaller time steps (--steps), another box or kernel (--also) and other numbers of ranks (--ranks) are compared with
+    the base, one at a time; what was not varied is said. What it will cost is printed first. The folder gets
+    verification.json, verification.csv, verification.md, changes.csv and verification.png; the grid convergence index
+    is that of Celik et al. (2008).
     """
-    from valvefsi.studies.grid_study import Wanted, make_grid_study
+    from valvefsi.studies.grid_study import Wanted, make_grid_study, too_few
 
     factors = [as_number(part, "steps") for part in options.steps.split(",")] if options.steps else []
     wanted = Wanted(
@@ -90,12 +96,14 @@ def verify(options: VerifyCommand) -> None:
         along=options.along or [],
         steps=factors,
         also=options.also or [],
+        ranks=[int(as_number(part, "ranks")) for part in options.ranks.split(",")] if options.ranks else [],
         base=options.base,
         overrides=options.overrides or [],
         order=options.order,
     )
     study = make_grid_study(options.case, wanted, trust=options.trust)
     folder = options.out or Path("results") / f"verify-{options.case.stem}"
+    print_lines(console(), [f"note: {note}" for note in too_few(len(study.grids), study.expected)])
     if options.plan:
         print_plan(study.cases, folder, options.jobs)
         return
@@ -131,7 +139,7 @@ def _show(result: dict[str, Any]) -> None:
     page = console()
     print_lines(page, [f"note: {note}" for note in result["notes"]])
     names = [grid["member"] for grid in result["grids"]]
-    changing = [row for row in result["quantities"] if row["kind"] != "unchanged"]
+    changing = [row for row in result["quantities"] if row["kind"] not in ("unchanged", "no order")]
     sides = {"quantity": "left", **dict.fromkeys(names, "right"), "Richardson": "right", "+-": "right"}
     rows = [
         (
@@ -144,15 +152,17 @@ def _show(result: dict[str, Any]) -> None:
         for row in changing[:MOST]
     ]
     _table("numbers", {**sides, "verdict": "left"}, rows, len(changing))
-    waves = [row for row in result["waveforms"] if row["norm"] == "L2"]
+    waves = [row for row in result["waveforms"] if row["norm"] == "L2" and row["kind"] != "no order"]
     between = [f"{a} - {b}" for a, b in itertools.pairwise(names)]
     rows = [
         (row["quantity"], *(f"{100 * gap:.3g} %" for gap in row["differences"]), row["text"]) for row in waves
     ]
     sides = {"waveform, L2": "left", **dict.fromkeys(between, "right"), "verdict": "left"}
     _table("waveforms", sides, rows[:MOST], len(rows))
-    _show_steps([row for row in result["time_steps"] if row["kind"] != "unchanged"])
+    kinds = ("unchanged", "no order")
+    _show_steps([row for row in result["time_steps"] if row["kind"] not in kinds])
     _show_changes(result["changes"])
+    _show_dependence(result)
 
 
 def _show_steps(rows: list[dict[str, Any]]) -> None:
@@ -184,6 +194,29 @@ def _show_changes(changes: list[dict[str, Any]]) -> None:
     ]
     sides = {"change": "left", "quantity": "left", "difference": "right"}
     _table("changes of the base, one at a time, largest first", sides, rows, len(known))
+
+
+def _show_dependence(result: dict[str, Any]) -> None:
+    """Print what else than the spacing was varied, how much that moves, and what was not."""
+    if not result["dependence"]:
+        return
+    rows = [
+        (
+            row["of"],
+            "-" if row["number"] is None else f"{row['number']}, {row['number_percent']:+.3g} %",
+            ", ".join(row["changes"]) or row["text"],
+        )
+        for row in result["dependence"]
+    ]
+    sides = {"depends on": "left", "largest change of a number": "left", "varied": "left"}
+    _table("what else moves the base", sides, rows, len(rows))
+    found = result["iterations"]
+    print_lines(console(), [f"iterations: {found['solves']}; {found['text']}"])
+    worst = [row for row in found["beats"] if row["error_percent"] and not why_no_order(row["quantity"])]
+    worst.sort(key=lambda row: -abs(row["error_percent"]))
+    cells = [(row["quantity"], _cell(row["error"]), f"{row['error_percent']:.3g} %") for row in worst[:MOST]]
+    sides = {"quantity": "left", "error": "right", "of its value": "right"}
+    _table("error of the last beat", sides, cells, len(worst))
 
 
 def _table(title: str, sides: dict[str, str], rows: Sequence[tuple[str, ...]], count: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import sys
 import threading
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 PATIENCE = 10.0
 """Longest time that a run waits for its page to end [s]."""
+NICE = 5
+"""How much lower than that of a run the priority of its page is."""
 
 
 def watch(
@@ -40,6 +43,9 @@ def watch(
     The page is for this machine alone, under an address that is printed and cannot be guessed. It reads what the run
     writes, from any process and on any number of ranks. Ctrl-C ends the page, not the run.
     """
+    if with_run:
+        _with_run(folder, trust=trust)
+        return
     from mpi4py import MPI
 
     if MPI.COMM_WORLD.rank != 0:
@@ -47,23 +53,28 @@ def watch(
     from valvefsi.report.writing import check_libraries
 
     check_libraries()
-    from valvefsi.report.live import LiveRun
     from valvefsi.report.serving import PageServer
 
-    run = LiveRun(folder, trust=trust)
-    view = run.view()
-    if not with_run:
+    with PageServer(folder, trust=trust) as server:
+        view = server.run.view()
         typer.echo(view.line)
         if view.state == "finished":
             return
-    with PageServer(run) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         typer.echo(server.address)
-        if with_run:
-            sys.stdin.read()
-            server.linger()
-        else:
-            _follow(run, view.state)
+        _follow(server.run, view.state)
+
+
+def _with_run(folder: Path, *, trust: bool) -> None:
+    """Serve the page until standard input ends, behind the run: what is loaded is loaded when a browser asks."""
+    from valvefsi.report.serving import PageServer
+
+    os.nice(NICE)
+    with PageServer(folder, trust=trust) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        typer.echo(server.address)
+        sys.stdin.read()
+        server.linger()
 
 
 def _follow(run: LiveRun, state: str) -> None:
@@ -82,7 +93,7 @@ def _follow(run: LiveRun, state: str) -> None:
 
 @contextlib.contextmanager
 def served(folder: Path, comm: MPI.Comm, *, trust: bool) -> Iterator[None]:
-    """Serve the page on a run as long as this lasts, from a process of its own.
+    """Serve the page on a run as long as this lasts, from a process of its own at a lower priority.
 
     Args:
         folder: Folder of the run.

@@ -19,6 +19,9 @@ from valvefsi.fluid.navier_stokes import NavierStokes
 from valvefsi.grid import MacGrid
 from valvefsi.types import Array, Faces
 
+TOLERANCE = 1e-10
+"""Residual at which a solve ends, as a fraction of the residual of no change."""
+
 
 class CoupledNavierStokes(NavierStokes):
     """The fluid in the box, stepped by a coupled solve for velocity and pressure.
@@ -47,7 +50,7 @@ class CoupledNavierStokes(NavierStokes):
         rho: float,
         mu: float,
         advection: str = "centred",
-        tolerance: float = 1e-10,
+        tolerance: float = TOLERANCE,
         max_iterations: int = 50,
     ) -> None:
         super().__init__(grid, boundary, rho=rho, mu=mu, advection=advection)

@@ -18,6 +18,10 @@ COLUMNS = {
     "dyn": ("dyn", 1e-2, "mN"),
     "erg": ("erg", 1e-4, "mJ"),
     "cm": ("cm", 10.0, "mm"),
+    "mm": ("mm", 1.0, "mm"),
+    "kPa": ("kPa", 1.0, "kPa"),
+    "Hz": ("Hz", 1.0, "Hz"),
+    "ms": ("ms", 1.0, "ms"),
     "s": ("s", 1.0, "s"),
 }
 """How the name of a column of a history ends: its unit, and factor and unit that a lab uses."""

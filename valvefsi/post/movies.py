@@ -15,7 +15,8 @@ from valvefsi.io.folder import replacing
 from valvefsi.io.grid_files import GridFields, nearest_time, read_grid, times_of
 from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import Body, read_body
-from valvefsi.post.plots.slice import Plane, cut, draw_slice, outline, palette, scale_of
+from valvefsi.post.plots.slice import draw_slice, palette
+from valvefsi.post.slices import Plane, cut, outline, scale_of
 from valvefsi.types import Array
 
 SERIES = {"mean": "averages", "turbulence": "averages"}

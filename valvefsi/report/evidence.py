@@ -38,15 +38,21 @@ APPLIES = {
 """Committed results, by what they are evidence for."""
 
 
-def the_evidence(run: Run) -> Section:
-    """Return the balances of a run and the committed results that apply to it."""
+def the_evidence(run: Run, *, studied: bool = False) -> Section:
+    """Return the balances of a run and the committed results that apply to it.
+
+    Args:
+        run: The run.
+        studied: Whether it is a member of a study that the page is of.
+    """
     blocks: list[Block] = [*_energy(run), *_volume(run), *_periodic(run)]
-    blocks.append(
-        missing(
-            "Whether the numbers depend on grid and time step is not known from one run: no study of several grids of "
-            "this case stands on this page."
+    if not studied:
+        blocks.append(
+            missing(
+                "Whether the numbers depend on grid and time step is not known from one run: no study of several grids "
+                "of this case stands on this page."
+            )
         )
-    )
     blocks += committed(_features(run.case) if run.case is not None else ())
     return Section(title="Evidence", blocks=blocks)
 

@@ -15,19 +15,25 @@ from valvefsi.report.blocks import Chapter, Page
 from valvefsi.report.compared import Side, compared
 from valvefsi.report.evidence import the_evidence
 from valvefsi.report.geometry import the_geometry
+from valvefsi.report.grids import a_verification
 from valvefsi.report.inputs import the_case, what_was_run
 from valvefsi.report.others import a_benchmark, a_fit, a_sweep, a_validation
 from valvefsi.report.results import numbers, pictures, warnings_of, waveforms
 from valvefsi.report.runs import Run, open_run
+from valvefsi.report.samples import a_sample
 from valvefsi.report.scenes import the_scene
 
 LEFT: dict[str, Callable[[Path], Chapter]] = {
     "fit.json": a_fit,
     "sweep.json": a_sweep,
-    "compare/stage.json": a_validation,
-    "downstream/stage.json": a_validation,
+    **{
+        f"{stage}/stage.json": a_validation
+        for stage in ("compare", "downstream", "upstream", "leaflet", "case")
+    },
     "result.json": a_benchmark,
 }
+STUDIED: dict[str, Callable[..., Chapter]] = {"verification.json": a_verification, "sample.json": a_sample}
+"""The same of studies whose members are read, too."""
 """What a folder holds, by a file that only this leaves there; a run leaves case.toml."""
 
 
@@ -52,7 +58,7 @@ def report(paths: Sequence[Path], options: Options | None = None) -> Page:
     """Return the page on some folders; of two runs of a valve, or a run and a record, their comparison first.
 
     Args:
-        paths: Folders of runs, fits, benchmarks, sweeps or validations; a record (CSV) beside a run.
+        paths: Folders of runs, fits, benchmarks, sweeps, validations, grids or samples; a record (CSV) beside a run.
         options: How it is made.
 
     Raises:
@@ -81,7 +87,7 @@ def _check(path: Path, paths: Sequence[Path]) -> None:
         if len(paths) != 2 or not any(_is_run(other) for other in paths if other.is_dir()):
             raise CaseError("a record is compared with the folder of a run: name one beside it", file=path)
     elif not _is_run(path) and _maker(path) is None:
-        known = ", ".join(("case.toml", *LEFT))
+        known = ", ".join(("case.toml", *STUDIED, *LEFT))
         raise CaseError(f"there are no results here that are known: none of {known}", file=path)
 
 
@@ -89,8 +95,8 @@ def _is_run(path: Path) -> bool:
     return (path / "case.toml").is_file() and (path / "history.csv").is_file()
 
 
-def _maker(path: Path) -> Callable[[Path], Chapter] | None:
-    return next((make for name, make in LEFT.items() if (path / name).is_file()), None)
+def _maker(path: Path) -> Callable[..., Chapter] | None:
+    return next((make for name, make in (STUDIED | LEFT).items() if (path / name).is_file()), None)
 
 
 def _sides(paths: Sequence[Path], options: Options) -> list[Side] | None:
@@ -119,7 +125,9 @@ def part_of(path: Path, *, trust: bool = False, scene: bool = True) -> Chapter:
         scene: Whether a run's scene is in it; it stands elsewhere on the page if not.
     """
     make = None if _is_run(path) else _maker(path)
-    return make(path) if make is not None else a_run(open_run(path, trust=trust), scene=scene)
+    if make is None:
+        return a_run(open_run(path, trust=trust), scene=scene)
+    return make(path, trust=trust) if make in STUDIED.values() else make(path)
 
 
 def a_run(run: Run, *, scene: bool = True) -> Chapter:

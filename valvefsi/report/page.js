@@ -50,11 +50,12 @@
     const panels = data.panels;
     const listed = new Set();
     const first = (name) => !listed.has(name) && Boolean(listed.add(name));
-    const gap = 0.05;
+    const height = 90 + 200 * panels.length;
+    const gap = 36 / height;
     const share = (1 - gap * (panels.length - 1)) / panels.length;
     const narrow = place.clientWidth < 560;
     const layout = {
-      ...look(), uirevision: "kept", height: 90 + 200 * panels.length, margin: { l: narrow ? 52 : 66, r: 12, t: 16, b: 46 },
+      ...look(), uirevision: "kept", height, margin: { l: narrow ? 52 : 66, r: 12, t: 16, b: 46 },
       hovermode: "x unified", showlegend: true, legend: { orientation: "h", y: 1.0, yanchor: "bottom", x: 0 },
       hoverlabel: { bgcolor: colour("--panel"), font: { color: colour("--ink") } },
       xaxis: { title: { text: data.x.label }, gridcolor: colour("--grid"), zeroline: false, anchor: `y${panels.length > 1 ? panels.length : ""}` },

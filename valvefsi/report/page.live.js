@@ -9,6 +9,7 @@
   const versions = Object.fromEntries(figures.map((figure) => [figure.dataset.kind, JSON.parse(figure.querySelector("script").textContent).version]));
   let failures = 0;
   let asked = null;
+  let answered = false; // what came of the button stays to be read as long as the run goes on
 
   function say(text) {
     answer.textContent = text;
@@ -42,7 +43,11 @@
         const said = await found.json();
         failures = 0;
         if (said.error) say(said.error);
-        else { if (!asked) say(""); show(said); }
+        else {
+          if (!["running", "stopping"].includes(said.state)) answered = false;
+          if (!asked && !answered) say("");
+          show(said);
+        }
       } catch {
         failures += 1;
       }
@@ -63,6 +68,7 @@
     asked = null;
     stop.textContent = "Stop the run";
     stop.disabled = true;
+    answered = true;
     try {
       say((await (await fetch("stop", { method: "POST" })).json()).said);
     } catch {

@@ -12,7 +12,7 @@ import numpy as np
 from valvefsi.errors import CaseError
 from valvefsi.io.grid_files import GridFields, is_complete, list_times, read_grid, times_of
 from valvefsi.io.solid_body import Body, outer_faces, read_body
-from valvefsi.post.plots.slice import Plane, cut, outline, scale_of
+from valvefsi.post.slices import Plane, cut, outline, scale_of
 from valvefsi.report.blocks import Figure, Section, missing, packed
 from valvefsi.report.geometry import solid_series
 from valvefsi.report.runs import Run

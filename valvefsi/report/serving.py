@@ -5,20 +5,24 @@ from __future__ import annotations
 import json
 import secrets
 import sys
+import threading
 import time
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl, urlsplit
 
 from valvefsi.errors import CaseError, reason_of
 from valvefsi.io.folder import request_stop
-from valvefsi.report.live import LiveRun
-from valvefsi.report.writing import live_html
+
+if TYPE_CHECKING:
+    from valvefsi.report.live import LiveRun
 
 ADDRESS = "127.0.0.1"
 HOSTS = (ADDRESS, "localhost")
-"""Names of this machine in a request: of another one, a page of a stranger has sent it (DNS rebinding)."""
+"""Names of this machine in a request, before the port: of another one, a page of a stranger has sent it (DNS
+rebinding)."""
 PERIOD_S = 2.0
 """Time between two questions of an open page, as in page.live.js [s]."""
 
@@ -26,8 +30,11 @@ PERIOD_S = 2.0
 class PageServer(ThreadingHTTPServer):
     """Serves the page on a run at a random port of 127.0.0.1.
 
+    What reads a run is loaded when it is first asked for: a page that nobody looks at costs the run next to nothing.
+
     Args:
-        run: The run.
+        folder: Folder of the run.
+        trust: Whether Python files of materials may be run.
 
     Attributes:
         token: Without it in the path a request is refused.
@@ -35,9 +42,26 @@ class PageServer(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(self, run: LiveRun) -> None:
+    def __init__(self, folder: Path, *, trust: bool = False) -> None:
         super().__init__((ADDRESS, 0), Handler)
-        self.run, self.token, self.answered = run, secrets.token_urlsafe(24), 0.0
+        self.folder, self.trust = Path(folder), trust
+        self.token, self.answered = secrets.token_urlsafe(24), 0.0
+        self.found: LiveRun | None = None
+        self.one_at_a_time = threading.Lock()
+
+    @property
+    def run(self) -> LiveRun:
+        """The run.
+
+        Raises:
+            CaseError: The folder is a file, or holds something else.
+        """
+        with self.one_at_a_time:
+            if self.found is None:
+                from valvefsi.report.live import LiveRun
+
+                self.found = LiveRun(self.folder, trust=self.trust)
+            return self.found
 
     @property
     def address(self) -> str:
@@ -70,6 +94,8 @@ class Handler(BaseHTTPRequestHandler):
             case None:
                 return
             case "":
+                from valvefsi.report.writing import live_html
+
                 page, view = self.server.run.page()
                 self._answer(HTTPStatus.OK, live_html(page, view), "text/html; charset=utf-8")
             case "state":
@@ -93,17 +119,20 @@ class Handler(BaseHTTPRequestHandler):
         """Say nothing."""
 
     def _asked(self) -> str | None:
-        """Return what is asked for; refuse a request without the token, or to another name than this machine's."""
+        """Return what is asked for; refuse a request without the token, or to another host than this page's."""
         try:
-            name = urlsplit(f"//{self.headers.get('Host', '')}").hostname
+            host = urlsplit(f"//{self.headers.get('Host', '')}")
+            own = host.hostname in HOSTS and host.port == self.server.server_port
         except ValueError:
-            name = None
+            own = False
         token, _, asked = urlsplit(self.path).path.lstrip("/").partition("/")
-        if secrets.compare_digest(token.encode(), self.server.token.encode()) and name in HOSTS:
+        if secrets.compare_digest(token.encode(), self.server.token.encode()) and own:
             return asked
         self.close_connection = True
         self._answer(
-            HTTPStatus.FORBIDDEN, "refused: the whole address that valvefsi watch has printed is needed"
+            HTTPStatus.FORBIDDEN,
+            "refused: the whole address that valvefsi watch has printed is needed, its port included (a tunnel: "
+            f"ssh -L {self.server.server_port}:{ADDRESS}:{self.server.server_port})",
         )
         return None
 
@@ -111,11 +140,11 @@ class Handler(BaseHTTPRequestHandler):
         try:
             return self.server.run.news(dict(parse_qsl(urlsplit(self.path).query)))
         except OSError as error:
-            return {"error": f"{self.server.run.folder} cannot be read: {reason_of(error)}"}
+            return {"error": f"{self.server.folder} cannot be read: {reason_of(error)}"}
 
     def _stop(self) -> str:
         try:
-            request_stop(self.server.run.folder)
+            request_stop(self.server.folder)
         except CaseError as error:
             return str(error)
         except OSError as error:

@@ -17,6 +17,8 @@ PICTURES = {
     "profiles.png": "Profiles along lines through the flow.",
     "fit.png": "The data with the fitted curve, and their difference.",
     "comparison.png": "Waveforms of both over one cycle, each with their difference under it.",
+    "verification.png": "Numbers over the spacing with the uncertainty of the finest; differences of waveforms.",
+    "sample.png": "Sobol indices of each output, and the output of every sample over the input that counts most.",
     "sweep.png": "Numbers of the members against the first key that varies.",
 }
 """What is seen in pictures of a name."""

@@ -149,7 +149,7 @@ def _draw_lines(output: Output, dim: int, title: str) -> None:
     """Draw profiles, and averages in the plane that holds their lines, with the lines dashed."""
     from valvefsi.post.movies import draw_plane
     from valvefsi.post.plots.profile import draw_profiles, largest_velocity, read_profiles
-    from valvefsi.post.plots.slice import Plane
+    from valvefsi.post.slices import Plane
 
     found = read_profiles(output.directory / "profiles")
     profiles = {name: found[name] for name in output.lines}

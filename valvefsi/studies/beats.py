@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -28,6 +27,7 @@ from valvefsi.fitting.waveforms import Waveforms, write_waveforms
 from valvefsi.io.checkpoint import list_checkpoints
 from valvefsi.post.valve_beat import Beat
 from valvefsi.post.valve_comparison import Pair
+from valvefsi.runtime.surroundings import on_ranks
 from valvefsi.studies.bench_start import NEEDED
 from valvefsi.studies.loop_stages import Measured, read_measured
 from valvefsi.units import MMHG
@@ -68,13 +68,7 @@ class RunPart:
         words = [sys.executable, "-m", "valvefsi", "run", str(self.case), "--out", str(self.out)]
         words += ["--overwrite" if self.fresh else "--resume", *(["--trust"] if self.trust else [])]
         words += [word for change in self.changes for word in ("--set", change)]
-        if self.ranks == 1:
-            return words
-        places = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
-        mpirun = shutil.which("mpirun", path=places)
-        if mpirun is None:
-            raise SurroundingsError("there is no mpirun beside the interpreter or on the path; set ranks=1")
-        return [mpirun, "-n", str(self.ranks), *words]
+        return on_ranks(words, self.ranks)
 
 
 def launch(part: RunPart) -> None:

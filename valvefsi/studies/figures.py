@@ -22,7 +22,7 @@ from valvefsi.io.solid_body import read_body
 from valvefsi.post.movies import bodies_at
 from valvefsi.post.plots import supplement as plots
 from valvefsi.post.plots.profile import TKE, read_profiles
-from valvefsi.post.plots.slice import Plane, cut, field_of, outline
+from valvefsi.post.slices import Plane, cut, field_of, outline
 from valvefsi.post.valve_beat import QUANTITIES, Beat
 from valvefsi.studies.figure_runs import FigureRun, instants, near, opening_and_closing, read_runs
 from valvefsi.types import Array

@@ -16,13 +16,15 @@ from valvefsi.errors import CaseError
 from valvefsi.io.history import read_history
 from valvefsi.post.valve_beat import Beat
 from valvefsi.post.valve_comparison import Pair
-from valvefsi.studies.grid_study import GridStudy
+from valvefsi.studies.dependence import add_dependence
+from valvefsi.studies.grid_study import GridStudy, too_few
 from valvefsi.studies.members import Outcome, Values
 from valvefsi.studies.sweep import scalars
 from valvefsi.types import Array
+from valvefsi.verification.answers import why_no_order
 from valvefsi.verification.convergence import ROUND_OFF
 from valvefsi.verification.norms import time_norm
-from valvefsi.verification.refinement import refinement, two_grid_error
+from valvefsi.verification.refinement import refinement, two_grid_error, without_order
 
 NO_ANSWER = re.compile(
     r"timing\..*|last\.(step|t_s)|.*\.plausible\..*\.(from|to)|.*\.cycles\.\d+\.(cycle|start_s)"
@@ -58,13 +60,15 @@ def assess(study: GridStudy, outcomes: Sequence[Outcome], *, trust: bool = False
         "grids": [{"member": m.name, "h_cm": h, "dt_s": study.cases[m.name].dt} for m, h in pairs],
         "expected_order": study.expected,
         "base": study.base.name,
-        "notes": study.notes(),
+        "notes": _few(study, len(pairs)) + study.notes(),
         "failed": {o.member.name: o.message for o in outcomes if o.state == "failed"},
         "quantities": [],
         "waveforms": [],
         "beats": [],
         "changes": [],
         "time_steps": [],
+        "dependence": [],
+        "iterations": {},
     }
     if not pairs:
         return result
@@ -85,10 +89,16 @@ def assess(study: GridStudy, outcomes: Sequence[Outcome], *, trust: bool = False
         names = [m.name for m in kept.values()]
         result["changes"] = [
             *_changed_numbers(numbers, study.base.name, dict(zip(kept, names, strict=True))),
-            *_changed_waves(waves, study.base.name, dict(zip(kept, names, strict=True))),
+            *changed_waves(waves, study.base.name, dict(zip(kept, names, strict=True))),
         ]
         result["time_steps"] = _time_steps(numbers, study, set(done))
+        add_dependence(result, study, numbers[study.base.name])
     return result
+
+
+def _few(study: GridStudy, done: int) -> list[str]:
+    """Return what the grids that are done cannot say where others have failed."""
+    return too_few(done, study.expected) if 0 < done < len(study.grids) else []
 
 
 def _changes(study: GridStudy) -> dict[str, Any]:
@@ -125,13 +135,14 @@ def without_round_off(runs: Mapping[str, Mapping[str, Any]]) -> tuple[dict[str, 
 
 
 def _quantities(grids: Sequence[Mapping[str, float]], ratios: Sequence[float], expected: float) -> list[Row]:
-    """Return a row for every number that all grids have."""
+    """Return a row for every number that all grids have; one for which an order means nothing has its range."""
     rows = []
     for name in grids[-1]:
         if not all(name in numbers and math.isfinite(numbers[name]) for numbers in grids):
             continue
-        values = [numbers[name] for numbers in grids]
-        rows.append({"quantity": name, "values": values, **asdict(refinement(values, ratios, expected))})
+        values, why = [numbers[name] for numbers in grids], why_no_order(name)
+        found = without_order(values, why) if why else refinement(values, ratios, expected)
+        rows.append({"quantity": name, "values": values, **asdict(found)})
     return rows
 
 
@@ -141,7 +152,7 @@ def waveform_rows(grids: Sequence[Waves], ratios: Sequence[float], expected: flo
         e_k = ||M_k - M_{k+1}|| / ||M_finest||,   order from e_k / e_{k+1},   index 1.25 e / (r^p - 1)
 
     A norm of differences takes the place of a difference of values, so that p is that of the whole waveform; all is
-    taken at the times of the finest grid, as far as all runs go.
+    taken at the times of the grid with the fewest rows, as far as all runs go.
 
     Args:
         grids: Waveforms by column from the coarsest grid on, ``t_s`` among them.
@@ -161,10 +172,14 @@ def waveform_rows(grids: Sequence[Waves], ratios: Sequence[float], expected: flo
             if not size > 0.0:
                 continue
             gaps = [time_norm(t, b - a, q) / size for a, b in itertools.pairwise(on)]
-            rows.append(
-                {"quantity": name, "norm": norm, "differences": gaps} | _of_norms(gaps, ratios, expected)
-            )
+            found = _ranging(why) if (why := why_no_order(name)) else _of_norms(gaps, ratios, expected)
+            rows.append({"quantity": name, "norm": norm, "differences": gaps} | found)
     return rows
+
+
+def _ranging(why: str) -> Row:
+    """Return the row of a waveform for which an order means nothing."""
+    return {"kind": "no order", "order": None, "index": None, "uncertainty": None, "text": f"no order: {why}"}
 
 
 def _of_norms(gaps: Sequence[float], ratios: Sequence[float], expected: float) -> Row:
@@ -209,8 +224,14 @@ def _changed_numbers(
     ]
 
 
-def _changed_waves(waves: Mapping[str, Waves], base: str, changed: Mapping[str, str]) -> list[Row]:
-    """Return how far each waveform moves with each change, relative to the base's norm [%]."""
+def changed_waves(waves: Mapping[str, Waves], base: str, changed: Mapping[str, str]) -> list[Row]:
+    """Return how far each waveform moves with each change, relative to the base's norm [%].
+
+    Args:
+        waves: Waveforms by column of each member by its name.
+        base: Name of the base.
+        changed: Name of the member of each change.
+    """
     rows: list[Row] = []
     for key, member in changed.items():
         pair = [waves[base], waves[member]]
@@ -238,9 +259,9 @@ def _time_steps(numbers: Mapping[str, Mapping[str, float]], study: GridStudy, do
 
 
 def _common(grids: Sequence[Waves]) -> Array:
-    """Return the times of the last up to the earliest end of all."""
+    """Return the times of the one with the fewest rows up to the earliest end of all: between rows nothing is known."""
     end = min(float(waves["t_s"][-1]) for waves in grids)
-    t = grids[-1]["t_s"]
+    t = min((waves["t_s"] for waves in grids), key=len)
     return t[t <= end * (1.0 + 1e-12)]
 
 

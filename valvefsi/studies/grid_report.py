@@ -17,7 +17,7 @@ from valvefsi.studies.sweep_picture import FIRST, headlines
 
 MOST, MOST_WAVES = 8, 6
 """Numbers and waveforms that are drawn."""
-DULL = ("courant", "energy_")
+DULL = ("energy_",)
 """Waveforms that are not drawn."""
 
 
@@ -78,10 +78,36 @@ def _page(case: Path, names: Sequence[str], result: Values) -> str:
         lines.append("| " + " | ".join([*cells, row["text"]]) + " |")
     for row in result["waveforms"]:
         gaps = [*(f"{100 * gap:.3g} %" for gap in row["differences"]), "0"]
-        judged = [*_judged(row, None)[:-1], f"{100 * row['uncertainty']:.3g} %"]
+        bound = "-" if row["uncertainty"] is None else f"{100 * row['uncertainty']:.3g} %"
+        judged = [*_judged(row, None)[:-1], bound]
         cells = [f"{row['quantity']}, {row['norm']} of the difference", *gaps, *judged]
         lines.append("| " + " | ".join([*cells, row["text"]]) + " |")
-    return "\n".join([*lines, *_time_step_lines(result)]) + "\n"
+    return "\n".join([*lines, *_time_step_lines(result), *_dependence_lines(result)]) + "\n"
+
+
+def _dependence_lines(result: Values) -> list[str]:
+    """Return what else than the spacing the numbers depend on, and what iterations leave."""
+    if not result["dependence"]:
+        return []
+    head = ["depends on", "which is", "largest change of a number", "of a waveform (L2)", "said"]
+    lines = ["", f"What else than the spacing moves {result['base']}:", "", "| " + " | ".join(head) + " |"]
+    lines.append("|---" * len(head) + "|")
+    for row in result["dependence"]:
+        said = [_moved(row, "number"), _moved(row, "waveform"), ", ".join(row["changes"]) or row["text"]]
+        lines.append("| " + " | ".join([row["of"], row["meaning"], *said]) + " |")
+    found = result["iterations"]
+    lines += ["", f"Iterations: {found['solves']}; {found['text']}."]
+    if found["beats"]:
+        lines += ["", "| quantity | error of the last beat | of its value [%] |", "|---|---|---|"]
+    for row in found["beats"]:
+        cells = [row["quantity"], _short(row["error"]), _short(row["error_percent"])]
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def _moved(row: Mapping[str, Any], what: str) -> str:
+    percent = row[f"{what}_percent"]
+    return "-" if percent is None else f"{row[what]}, {percent:+.3g} %"
 
 
 def _time_step_lines(result: Values) -> list[str]:
@@ -140,7 +166,7 @@ def draw_verification(
     rows = {row["quantity"]: row for row in result["quantities"]}
     summary = next(o.summary for o in outcomes if o.member.name == result["grids"][-1]["member"])
     first = [name for name in _paths(summary) if name in rows]
-    changing = [name for name in first if rows[name]["kind"] != "unchanged"][:MOST]
+    changing = [name for name in first if rows[name]["kind"] not in ("unchanged", "no order")][:MOST]
     numbers = [
         RefinedNumber(
             name=name.rpartition(".")[2],
@@ -154,7 +180,10 @@ def draw_verification(
     shown = [
         row
         for row in result["waveforms"]
-        if row["norm"] == "L2" and min(row["differences"]) > 0.0 and not row["quantity"].startswith(DULL)
+        if row["norm"] == "L2"
+        and min(row["differences"]) > 0.0
+        and row["kind"] != "no order"
+        and not row["quantity"].startswith(DULL)
     ]
     shown.sort(key=lambda row: not row["quantity"].startswith(FIRST))
     waves = {row["quantity"]: (row["differences"], row["order"]) for row in shown[:MOST_WAVES]}

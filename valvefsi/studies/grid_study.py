@@ -1,4 +1,7 @@
-"""The members of a study of grids: a case on several grids, and one of them with one thing changed at a time."""
+"""The members of a study of grids: a case on several grids, and one of them with one thing changed at a time.
+
+The base on other numbers of ranks is one of these changes.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,8 @@ from valvefsi.studies.sweep import make_sweep
 
 RECOMMENDED = 1.3
 """Refinement between two grids from which an order can be told from noise (Celik et al. 2008)."""
+AND = " & "
+"""Between the keys of one change."""
 IMMERSED, FLUID = 1.0, 2.0
 """Expected order with bodies in the flow, where a regularised delta function spreads their surface, and without."""
 
@@ -27,7 +32,7 @@ class GridStudy:
         spacings: Their spacings h [cm].
         base: The member that the following change.
         steps: Members of smaller time steps by their factor, largest first.
-        changes: Members of other changes by what they change.
+        changes: Members of other changes by what they change; another number of ranks is ``ranks=N``.
         cases: The case of every member by its name.
         expected: Expected order of accuracy.
     """
@@ -47,6 +52,7 @@ class GridStudy:
 
     def notes(self) -> list[str]:
         """Return what a reader must know of the members."""
+        few = too_few(len(self.grids), self.expected)
         steps = [self.cases[member.name].dt for member in self.grids]
         same = max(steps) - min(steps) <= 1e-9 * max(steps)
         said = [
@@ -62,7 +68,24 @@ class GridStudy:
             )
         bodies = "bodies are in the flow" if self.expected == IMMERSED else "order of the method"
         said.append(f"expected order {self.expected:g} ({bodies}; --order says another)")
-        return said
+        return [*few, *said]
+
+
+def too_few(grids: int, expected: float) -> list[str]:
+    """Return what so few grids cannot say, nothing where there are three or more.
+
+    Args:
+        grids: How many there are.
+        expected: Expected order of accuracy.
+    """
+    if grids >= 3:
+        return []
+    if grids == 2:
+        return [
+            "TWO GRIDS: no observed order, no Richardson value and no grid convergence index can be had, which take "
+            f"three; uncertainties suppose order {expected:g} and have a factor of 3 (Roache 1994)"
+        ]
+    return ["ONE GRID: nothing is said of the spacing, which takes three grids"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +96,8 @@ class Wanted:
         grids: Spacings, as ``1mm,0.8mm,0.625mm``, coarse to fine.
         along: Texts ``key=value,value,...``, a value for each grid.
         steps: Factors of the time step, below one; 1 may be among them.
-        also: Texts ``key=value,...``: changes of the base, each alone.
+        also: Texts ``key=value,...``: changes of the base, each alone; ``a=1 & b=2`` is one change of two keys.
+        ranks: Numbers of ranks that the base is run on again.
         base: The grid of the changes and of the smaller steps, as it stands in ``grids``; the finest unless given.
         overrides: Texts ``key=value`` that all members take.
         order: Expected order; from whether bodies are in the flow unless given.
@@ -83,6 +107,7 @@ class Wanted:
     along: Sequence[str] = ()
     steps: Sequence[float] = ()
     also: Sequence[str] = ()
+    ranks: Sequence[int] = ()
     base: str | None = None
     overrides: Sequence[str] = ()
     order: float | None = None
@@ -115,11 +140,14 @@ def make_grid_study(case: Path, wanted: Wanted, *, trust: bool = False) -> GridS
     chosen = members[names.index(base)]
     smaller = {factor: _step(chosen, cases[chosen.name], factor) for factor in _factors(wanted.steps)}
     changes = {
-        change.overrides[-1]: Member(
-            f"{chosen.name},{change.name}", (*chosen.overrides, change.overrides[-1])
+        AND.join(change.overrides): Member(
+            f"{chosen.name},{change.name}", (*chosen.overrides, *change.overrides)
         )
         for text in wanted.also
-        for change in make_sweep([text]).members
+        for change in make_sweep(text.split(AND)).members
+    } | {
+        f"ranks={ranks}": Member(f"{chosen.name},ranks={ranks}", chosen.overrides, ranks)
+        for ranks in _ranks(wanted.ranks)
     }
     found = cases[chosen.name]
     immersed = bool(found.solid) or found.housing is not None
@@ -157,6 +185,14 @@ def _factors(steps: Sequence[float]) -> list[float]:
     if wrong:
         raise CaseError("expected factors above 0, 1 at most", key="--steps", value=wrong[0])
     return sorted({factor for factor in steps if factor < 1.0}, reverse=True)
+
+
+def _ranks(ranks: Sequence[int]) -> list[int]:
+    """Return the numbers of ranks beside the base's one."""
+    wrong = [number for number in ranks if number < 1]
+    if wrong:
+        raise CaseError("expected whole numbers above 0", key="--ranks", value=wrong[0])
+    return sorted({number for number in ranks if number > 1})
 
 
 def _step(base: Member, case: Case, factor: float) -> Member:

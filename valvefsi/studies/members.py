@@ -38,10 +38,12 @@ class Member:
     Attributes:
         name: Name of its folder, which is all that tells it from the other members.
         overrides: What it changes in the case, texts ``a.b=value``.
+        ranks: Ranks that it runs on.
     """
 
     name: str
     overrides: tuple[str, ...] = ()
+    ranks: int = 1
 
     def __post_init__(self) -> None:
         """Check the name."""

@@ -27,7 +27,7 @@ from valvefsi.io.checkpoint import list_checkpoints
 from valvefsi.io.folder import held
 from valvefsi.io.history import last_row
 from valvefsi.runtime.signals import collected_signals
-from valvefsi.runtime.surroundings import without_launcher
+from valvefsi.runtime.surroundings import on_ranks, without_launcher
 from valvefsi.studies.members import (
     LOG,
     RECORD,
@@ -118,6 +118,7 @@ class _Task:
         write_record(self.folder, self.member, inputs_of(self.case), state="running")
         words = [*PROGRAM, *command, *(word for text in self.member.overrides for word in ("--set", text))]
         words += ["--out", str(self.folder), *(["--resume"] if self.standing == "begun" else [])]
+        words = on_ranks(words, self.member.ranks)
         self.started = time.monotonic()
         with (self.folder / LOG).open("ab") as log:
             log.write(f"$ {shlex.join(words)}\n".encode())

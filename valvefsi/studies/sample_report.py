@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from valvefsi import __version__
+from valvefsi.case.sample_tables import SampleStudy
 from valvefsi.io.folder import write_text
 from valvefsi.studies.members import Values
 from valvefsi.studies.sampling import Sampling
@@ -28,7 +29,7 @@ def write_samples(
     result: Values,
     folder: Path,
 ) -> None:
-    """Write the tables of a study; a sample that failed has its row and its reason.
+    """Write the tables of a study with the samples themselves; one that failed has its row and its reason.
 
     Args:
         sampling: The samples.
@@ -53,13 +54,45 @@ def write_samples(
         "case": study.case,
         "target": study.target,
         "version": __version__,
+        "title": study.title,
+        "changes": list(study.changes),
         "inputs": [
-            {"name": name, "key": key, "unit": unit}
+            {"name": name, "key": key, "unit": unit, "from": _origin(study, name)}
             for name, key, unit in zip(inputs.names, inputs.keys, inputs.units, strict=True)
         ],
     }
-    write_text(folder / "sample.json", json.dumps(about | result, indent=2) + "\n")
+    members = _members(sampling, outputs, failures, [row["output"] for row in result["outputs"]])
+    write_text(folder / "sample.json", json.dumps(about | result | {"members": members}, indent=2) + "\n")
     write_text(folder / "sample.md", _page(study.title or Path(study.case).stem, result))
+
+
+def _origin(study: SampleStudy, name: str) -> str:
+    """Return where the values of an input come from, in words."""
+    for one in study.input:
+        if one.name == name:
+            ends = {key: getattr(one, key) for key in ("mean", "std", "low", "high")}
+            said = ", ".join(f"{key} {value}" for key, value in ends.items() if value is not None)
+            return f"{one.distribution}: {said}"
+    return next((f"{fit.take} of {fit.file}" for fit in study.fit if name in fit.keys), "")
+
+
+def _members(
+    sampling: Sampling, outputs: Mapping[str, Array], failures: Mapping[int, str], chosen: Sequence[str]
+) -> Values:
+    """Return the samples themselves by columns: how each ended, its inputs, those of its outputs that are analysed."""
+    count = len(sampling.values)
+    return {
+        "sample": list(range(count)),
+        "state": ["failed" if k in failures else "done" for k in range(count)],
+        "reason": [failures.get(k, "") for k in range(count)],
+        "inputs": {
+            name: [float(value) for value in sampling.values[:, k]]
+            for k, name in enumerate(sampling.inputs.names)
+        },
+        "outputs": {
+            name: [float(value) if np.isfinite(value) else None for value in outputs[name]] for name in chosen
+        },
+    }
 
 
 def _page(title: str, result: Values) -> str:
@@ -93,6 +126,7 @@ def draw_samples(sampling: Sampling, outputs: Mapping[str, Array], result: Value
         The path, None where no output has any.
     """
     from valvefsi.post.plots.sensitivity import SensitivityPanel, sensitivity_picture
+    from valvefsi.post.plots.sweep import name_of
 
     panels = []
     for row in [row for row in result["outputs"] if row["indices"]][:DRAWN]:
@@ -104,7 +138,7 @@ def draw_samples(sampling: Sampling, outputs: Mapping[str, Array], result: Value
         name = sampling.inputs.names[column]
         panels.append(
             SensitivityPanel(
-                name=row["output"].rpartition(".")[2],
+                name=name_of(row["output"]),
                 groups=[one["group"] for one in indices],
                 first=_column(indices, "first"),
                 first_interval=_column(indices, "first_interval"),

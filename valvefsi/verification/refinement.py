@@ -15,7 +15,9 @@ from valvefsi.verification.convergence import (
     order_of_differences,
 )
 
-Kind = Literal["monotone", "oscillating", "slow", "diverging", "unchanged", "two grids", "one grid"]
+Kind = Literal[
+    "monotone", "oscillating", "slow", "diverging", "unchanged", "two grids", "one grid", "no order"
+]
 """How a quantity goes with the grid. Monotone and oscillating ones converge."""
 WIDE_SAFETY = 3.0
 """Safety factor of the index of two grids (Roache 1994), and where the order is not the expected one."""
@@ -149,6 +151,23 @@ def two_grid_error(change: float, ratio: float, expected: float) -> float:
         expected: Expected order, which two values cannot show.
     """
     return WIDE_SAFETY * abs(change) / (ratio**expected - 1.0)
+
+
+def without_order(values: Sequence[float], why: str) -> Refinement:
+    """Return what there is of a quantity for which an order means nothing: its range over the grids, no uncertainty.
+
+    Args:
+        values: From the coarsest grid on.
+        why: Why it means nothing.
+    """
+    return Refinement(
+        kind="no order",
+        order=None,
+        extrapolated=None,
+        index=None,
+        uncertainty=None,
+        text=f"no order: {why}; it ranges over {_spread(values):.4g}",
+    )
 
 
 def _of_few(values: Sequence[float], ratios: Sequence[float], expected: float) -> Refinement:

@@ -15,9 +15,9 @@ from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 
 from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
-from valvefsi.post.plots.slice import Slice, scale_of
 from valvefsi.post.plots.valve_comparison import LABELS
 from valvefsi.post.plots.valve_waveform import draw_end_view
+from valvefsi.post.slices import Slice, scale_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

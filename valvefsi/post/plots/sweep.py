@@ -37,6 +37,10 @@ UNITS: tuple[tuple[str, dict[str, float]], ...] = (
     ("_erg", {"mJ": 1e-4, "uJ": 0.1, "nJ": 100.0}),
     ("_dyn", {"mN": 1e-2, "uN": 10.0}),
     ("_cm", {"mm": 10.0, "um": 1e4}),
+    ("_mm", {"mm": 1.0, "um": 1e3}),
+    ("_kPa", {"kPa": 1.0, "Pa": 1e3}),
+    ("_mJ", {"mJ": 1.0, "uJ": 1e3}),
+    ("_Hz", {"Hz": 1.0}),
     ("_ml", {"ml": 1.0}),
     ("_ms", {"ms": 1.0}),
     ("_s", {"s": 1.0}),
@@ -110,7 +114,20 @@ def _set(unit: str) -> str:
 def _words(name: str) -> str:
     if name.startswith("u_") and name[2:3] in ("x", "y", "z"):
         return f"$u_{name[2]}$ {name[4:].replace('_', ' ')}".rstrip()
-    return name.replace("_", " ").replace("pdva", "PDVA")
+    words = name.replace("_", " ").replace("pdva", "PDVA").replace("von mises", "von Mises stress")
+    return re.sub(r" p(\d\d)$", r", \1th percentile", words)
+
+
+def name_of(path: str) -> str:
+    """Return what a number of a summary is called by its path: the last of it that says what it is, and of what.
+
+    ``valve.leaflets.leaflet_1.von_mises_p99_kPa.value`` is ``leaflet_1_von_mises_p99_kPa``, ``last.u_x_tip_cm`` is
+    ``u_x_tip_cm``.
+    """
+    *parts, last = path.split(".")
+    if last != "value" or not parts:
+        return last
+    return "_".join(parts[-2:] if len(parts) > 2 else parts[-1:])
 
 
 def sweep_picture(path: Path, picture: SweepPicture) -> Path:
