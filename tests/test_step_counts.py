@@ -42,7 +42,7 @@ STEP = {
     "solves": 1,
     "transforms": 6,  # three there and three back
     "advection terms": 1,
-    "cleared arrays": 5,  # the force, the pressure and its correction
+    "cleared arrays": 11,  # the force, two of unresolved slip, the pressure and its correction
     "elastic forces": 1,
     "spreads": 4,  # leaflets, housing, and two of unresolved slip
     "interpolations": 5,  # leaflets before and after the fluid's step, housing after it, and two of unresolved slip

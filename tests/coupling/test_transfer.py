@@ -129,25 +129,6 @@ def test_spread_and_interpolate_do_not_depend_on_the_number_of_ranks(name):
         )
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
-@pytest.mark.parametrize("name", GRIDS)
-def test_smoothed_forces_are_spread_and_interpolated_whatever_the_workspace_held(name, kernel):
-    grid, chi, mine, points = make(name)
-    coupling, F = Coupling(grid, kernel), np.random.default_rng(5).standard_normal(points.shape)[mine]
-    for f in coupling.workspace(np.array([[np.inf] * 3, [-np.inf] * 3])):
-        f[...] = np.nan
-    spread = (
-        0.3 * (chi - points.mean(axis=0)) + points.mean(axis=0),
-        chi,
-    )  # a part of the grid, then all of it
-    for at in spread:
-        T = coupling.at(at)
-        f = T.spread(F)
-        grid.exchange(f)
-        expected = T.interpolate(f)
-        np.testing.assert_allclose(T.smooth(F), expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
-
-
 @pytest.mark.parametrize("place", [[0.1, 0.9], [1.0, 1.75], [np.nan, 0.9], [1e9, 0.9]])
 def test_a_point_near_a_wall_or_lost_is_an_error_on_every_rank(place, comm):
     grid, chi, _, _ = make("2-D, walls")

@@ -9,7 +9,6 @@ adjoint by construction. Beyond a side whose velocity is given both use its mirr
 from __future__ import annotations
 
 import math
-from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
@@ -134,32 +133,6 @@ class Coupling:
             raise StabilityError(problem)
         return Transfer(self, place, len(chi), None, None)
 
-    @cached_property
-    def _workspace(self) -> Faces:
-        return tuple(np.empty(self.grid.shape) for _ in range(self.grid.dim))
-
-    def workspace(self, ends: Array) -> Faces:
-        """Return faces that are zero where points between these ends reach, and in the layers that ranks exchange.
-
-        The rest holds no meaning: a thin solid reaches a small part of the grid, which alone is worth clearing.
-        """
-        grid, (origin, inv_h, offset, dim) = self.grid, self.geometry
-        span, box, everything = max(self.kind[1:]) // 2 + 1, [slice(None)] * 3, slice(None)
-        for axis in range(dim):
-            g, n = grid.ghosts[axis], grid.size[axis]
-            if grid.periodic[axis] or (axis < 2 and grid.process_grid[axis] > 1):
-                for layers in (slice(0, 2 * g), slice(n, None)):
-                    for f in self._workspace:
-                        f[(everything,) * axis + (layers,)] = 0.0
-            if ends[0, axis] <= ends[1, axis]:  # there are points
-                low, high = (
-                    int(np.floor((x - origin[axis]) * inv_h[axis])) + offset[axis] for x in ends[:, axis]
-                )
-                box[axis] = slice(max(low - span, 0), high + span + 1)
-        for f in self._workspace:
-            f[tuple(box)] = 0.0
-        return self._workspace
-
     def _wrap(self, place: Array) -> Array:
         grid = self.grid
         if not any(grid.periodic[: grid.dim]):
@@ -267,7 +240,7 @@ class Transfer:
             Collective.
         """
         grid, c = self.coupling.grid, self.coupling
-        f = c.workspace(kernels.extent(self.x))
+        f = grid.zero_faces()
         F = np.ascontiguousarray(F[:, : grid.dim])
         F = self.route.send(F) if self.route else F
         kernels.spread(tuple(f[: grid.dim]), self.x, F, 1.0 / grid.cell_volume, c.kind, c.geometry, c.rows)
