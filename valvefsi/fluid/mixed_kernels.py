@@ -6,7 +6,7 @@ import numba
 
 from valvefsi.types import Array, Faces
 
-kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
+kernel = numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
 
 @kernel
@@ -20,18 +20,18 @@ def add_response(
     a, b = operator
     l0, l1, l2 = eigenvalues
     last, second = len(planes) - 1, float(len(planes) - 1)  # one side alone counts once
+    first, other = weights[0], weights[last]
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
-            across = l0[i] + l1[j]
+            row, across = x[i, j], a - b * (l0[i] + l1[j])
             if axis == 2:
                 p, q = planes[0, i, j], second * planes[last, i, j]
-                for k in range(x.shape[2]):
-                    d = a - b * (across + l2[k])
-                    value = weights[0, k] * p + weights[last, k] * q
-                    x[i, j, k] += value / d if d != 0.0 else 0.0
+                for k in range(len(row)):
+                    d = across - b * l2[k]
+                    row[k] += (first[k] * p + other[k] * q) / d if d != 0.0 else 0.0
                 continue
             m, n = (i, j) if axis == 0 else (j, i)
-            for k in range(x.shape[2]):
-                d = a - b * (across + l2[k])
-                value = weights[0, m] * planes[0, n, k] + second * weights[last, m] * planes[last, n, k]
-                x[i, j, k] += value / d if d != 0.0 else 0.0
+            f, g, p0, p1 = first[m], second * other[m], planes[0, n], planes[last, n]
+            for k in range(len(row)):
+                d = across - b * l2[k]
+                row[k] += (f * p0[k] + g * p1[k]) / d if d != 0.0 else 0.0

@@ -147,8 +147,9 @@ class PressureCorrection:
         """
         extra = []
         if self.solver.singular:
-            total = float((r * self.grid.volumes()[self.grid.owned]).sum())
-            extra = [self.grid.comm.allreduce(total)]
+            x, y, z = (w[own] for w, own in zip(self.grid.widths, self.grid.owned, strict=True))
+            along_z = (r.reshape(-1, len(z)) @ z).reshape(len(x), len(y))
+            extra = [self.grid.comm.allreduce(float(x @ along_z @ y))]
         constant = np.zeros(1)
 
         def correct(x: Array) -> None:

@@ -10,7 +10,7 @@ import contextlib
 import functools
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 with contextlib.suppress(ImportError):  # a DOLFINx from apt, conda or source needs no such help
     import dolfinx_solver  # noqa: F401
@@ -19,7 +19,9 @@ import dolfinx
 import dolfinx.jit
 import numpy as np
 from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 try:
     from ufl.corealg.dag_traverser import DAGTraverser
@@ -30,7 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import ufl
-    from mpi4py import MPI
     from numpy.typing import NDArray
     from ufl.core.expr import Expr
 
@@ -107,6 +108,36 @@ def compile_expression(expression: Expr, points: Array, comm: MPI.Comm) -> fem.E
     """Compile a UFL expression for ``points (num_points, tdim)`` of the reference cell (collective)."""
     forget_interrupted_compilations()
     return fem.Expression(expression, points, comm=comm, jit_options=JIT_OPTIONS)
+
+
+class PointFunction(NamedTuple):
+    """A compiled expression of coefficients and constants as a C function of one point, f(out, inputs, constants).
+
+    Attributes:
+        address: Address of the function; it adds to its first argument.
+        inputs: The coefficients in the order of their values in the inputs.
+        constants: Values of the constants, ``(n,)``.
+        module: What keeps the function in memory.
+    """
+
+    address: int
+    inputs: list[ufl.Coefficient]
+    constants: Array
+    module: object
+
+
+def compile_at_point(expression: Expr) -> PointFunction:
+    """Compile a UFL expression that is the same function everywhere: of coefficients constant in a cell."""
+    forget_interrupted_compilations()
+    points = np.zeros((1, 3))
+    made, module, _ = dolfinx.jit.ffcx_jit(MPI.COMM_SELF, (expression, points), jit_options=JIT_OPTIONS)
+    coefficients, constants = extract_coefficients(expression), extract_constants(expression)
+    return PointFunction(
+        address=int(module.ffi.cast("uintptr_t", made.tabulate_tensor_float64)),
+        inputs=[coefficients[made.original_coefficient_positions[k]] for k in range(made.num_coefficients)],
+        constants=np.concatenate([np.zeros(0), *(np.ravel(constant.value) for constant in constants)]),
+        module=module,
+    )
 
 
 def interpolation_points(space: fem.FunctionSpace) -> Array:

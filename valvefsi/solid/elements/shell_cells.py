@@ -19,13 +19,15 @@ from dolfinx import mesh as meshes
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 
-from valvefsi.solid.elements.packing import PackedFunctions
+from valvefsi.solid.elements.shell_forces import AssembledForces, Energies, PointForces
 from valvefsi.solid.elements.shell_kernels import monomials
 from valvefsi.solid.elements.shell_kinematics import (
+    KnownRatio,
     Metric,
     ShellKinematics,
     StressFreeKinematics,
     assumed_metric,
+    assumed_shear,
     assumed_thickness,
     base_vectors,
     volume_density,
@@ -70,8 +72,8 @@ class ShellCells:
 
     with C of `ShellKinematics`; of a compressible material C of `StressFreeKinematics` and, in place of U_1 and U_2,
     (lam + 2 mu)/2 e^2, e the strain along the normal beside the one that leaves no stress there.
-    DOLFINx compiles it, its gradient and its tangent on a mesh of separate cells; the cells have the coordinates
-    (xi, eta, zeta), so that nothing of the real mesh is in the forms but the monomials.
+    DOLFINx compiles it and its tangent on a mesh of separate cells, `shell_forces` its gradient; the cells have the
+    coordinates (xi, eta, zeta), so that nothing of the real mesh is in the forms but the monomials.
 
     Args:
         X: Corners of the elements, node i + 2 j + 4 l, the thickness along l, ``(num_cells, 8, 3)`` [cm].
@@ -107,7 +109,6 @@ class ShellCells:
         self._material, self._columns, self._mean = material, columns, mean
         self._thinning = getattr(material, "thinning", None)
         self._normal_modulus = getattr(material, "normal_modulus", 0.0)
-        self._compile()
 
     def _constant(self, vectors: Array) -> fem.Function:
         field = fem.Function(fem.functionspace(self.mesh, ("DG", 0, (3,))))
@@ -158,7 +159,7 @@ class ShellCells:
         return ufl.as_vector([volume_density(m, self.at) / volume_density(self.M, self.at)])
 
     def _column_energy(self, strains: Expr) -> Expr:
-        return self._columns.energy(_Volume(strains[0])) * self._density
+        return self._columns.energy(KnownRatio(strains[0])) * self._density
 
     def _normal_strains(self, m: Expr) -> Expr:
         return ufl.as_vector([self._growth(m, self.at), *assumed_metric(m, self.M, self.at)])
@@ -182,7 +183,7 @@ class ShellCells:
         return ufl.as_vector([_volume(m) / _volume(self.M)])
 
     def _mean_energy(self, strains: Expr) -> Expr:
-        return self.bulk_factor * self._mean.energy(_Volume(strains[0])) * abs(_volume(self.M)) / 8
+        return self.bulk_factor * self._mean.energy(KnownRatio(strains[0])) * abs(_volume(self.M)) / 8
 
     def stress(self) -> tuple[Expr, Expr]:
         """Return the derivative of the energy by the metric, ``(5,)``, and by c_33, that of the middle [dyn/cm^2]."""
@@ -204,29 +205,57 @@ class ShellCells:
         column = ufl.variable(volume_density(self.m, middle) / volume_density(self.M, middle))
         cell = ufl.variable(_volume(self.m) / _volume(self.M))
         pairs = (self._columns, column), (self._mean, cell)
-        return sum(ufl.diff(U.energy(_Volume(J)), J) for U, J in pairs if U.kappa > 0) + 0.0 * xi
+        return sum(ufl.diff(U.energy(KnownRatio(J)), J) for U, J in pairs if U.kappa > 0) + 0.0 * xi
 
-    def _compile(self) -> None:
+    def forces(self) -> Array:
+        """Return -dE/dm at the present monomials, ``(num_cells, 7, 3)``; the next call overwrites them."""
+        return self._forces()
+
+    @functools.cached_property
+    def _forces(self) -> Callable[[], Array]:
+        """What works the forces out: written out for incompressible materials, any energy's by DOLFINx."""
+        return self.assembled() if self._thinning is not None else self._written_out()
+
+    def assembled(self) -> AssembledForces:
+        """Return the forces by DOLFINx from the energy's form."""
         test = ufl.TestFunction(self._space)
         work = sum(
             ufl.inner(part.stress(part.strains(self.m)), part.rate(self.m, test)) * part.dx
             for part in self._parts
         )
-        self._force_form = compat.compile_form(-work)
-        self._constants = compat.pack_constants(self._force_form)
-        self._coefficients = PackedFunctions(self._force_form, self.m)
-        self._out = np.zeros(self.num_cells * MODES * 3)
+        return AssembledForces(-work, self.m)
 
-    def forces(self) -> Array:
-        """Return -dE/dm at the present monomials, ``(num_cells, 7, 3)``; the next call overwrites them."""
-        self._out[:] = 0.0
-        fem.assemble_vector(self._out, self._force_form, self._constants, self._coefficients())
-        return self._out.reshape(-1, MODES, 3)
+    def _written_out(self) -> PointForces:
+        """Return the forces by the loop over points."""
+        columns, mean = ((U.energy if U.kappa > 0 else None) for U in (self._columns, self._mean))
+        energies = Energies(self._material.energy, columns, mean, self.bulk_factor)
+        points, weights = gauss(2, 2, self.points)
+        middle, _ = gauss(2, 2, 1)
+        V = volume_density(self.M, self.at)
+        at_rest = assumed_metric(self.M, self.M, self.at)
+        short = (
+            metric - shear for metric, shear in zip(at_rest[3:], assumed_shear(self.M, self.at), strict=True)
+        )
+        dual = ShellKinematics(at_rest, base_vectors(self.M, self.at)).dual
+        rest = [*(vector[d] for vector in dual for d in range(3)), V, *short]
+        return PointForces(
+            energies,
+            self.m,
+            self.fibres,
+            rest=self._tabulated(rest, points),
+            volumes=self._tabulated([V], middle)[..., 0],
+            rule=(points[: self.points, 2].copy(), weights),
+        )
+
+    def _tabulated(self, values: list[Expr], points: Array) -> Array:
+        """Return expressions at points of all cells, ``(num_cells, num_points, num_values)``."""
+        compiled = compat.compile_expression(ufl.as_vector(values), points, MPI.COMM_SELF)
+        table = compat.evaluate(compiled, self.mesh, np.arange(self.num_cells))
+        return table.reshape(self.num_cells, len(points), len(values))
 
     def scale_bulk(self, factor: float) -> None:
         """Multiply the energy U_2 by a factor from now on."""
         self.bulk_factor.value = factor
-        self._constants = compat.pack_constants(self._force_form)
 
     @functools.cached_property
     def _tangent(self) -> tuple[fem.Form, PETSc.Mat]:
@@ -304,13 +333,6 @@ class ShellCells:
 def _metric(strains: Expr, first: int = 0) -> Metric:
     """Return five of the strains as a metric."""
     return Metric(*(strains[first + i] for i in range(5)))
-
-
-class _Volume:
-    """What a volumetric energy asks of the kinematics."""
-
-    def __init__(self, J: Expr) -> None:
-        self.J, self.log_J = J, ufl.ln(J)
 
 
 def _volume(m: Expr) -> Expr:

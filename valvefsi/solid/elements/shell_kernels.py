@@ -39,8 +39,12 @@ def add_monomials(out: Array, r: Array, nodes: Array) -> None:
             r1, r2, r3 = 0.125 * r[c, 0, d], 0.125 * r[c, 1, d], 0.125 * r[c, 2, d]
             r12, r13, r23 = 0.125 * r[c, 3, d], 0.125 * r[c, 4, d], 0.125 * r[c, 5, d]
             r123 = 0.125 * r[c, 6, d]
-            for k in range(8):
-                i, j, m = 2.0 * (k & 1) - 1.0, 2.0 * ((k >> 1) & 1) - 1.0, 2.0 * (k >> 2) - 1.0
-                out[nodes[c, k], d] += (
-                    i * r1 + j * r2 + m * r3 + i * j * r12 + i * m * r13 + j * m * r23 + i * j * m * r123
-                )
+            for m in range(2):
+                s = 2.0 * m - 1.0
+                a, b = r1 + s * r13, r12 + s * r123
+                e = r2 + s * r23
+                low, high, here = a - b, a + b, s * r3
+                out[nodes[c, 4 * m], d] += here - low - e
+                out[nodes[c, 4 * m + 1], d] += here + low - e
+                out[nodes[c, 4 * m + 2], d] += here - high + e
+                out[nodes[c, 4 * m + 3], d] += here + high + e

@@ -47,6 +47,13 @@ class Metric(NamedTuple):
     c23: Expr
 
 
+class KnownRatio:
+    """A volume ratio without the deformation that has it, see `valvefsi.solid.materials.laws.VolumeRatio`."""
+
+    def __init__(self, J: Expr) -> None:
+        self.J, self.log_J = J, ufl.ln(J)
+
+
 def base_vectors(m: Expr, at: tuple[Expr, Expr, Expr]) -> tuple[Expr, Expr, Expr]:
     """Return g_1, g_2, g_3 at (xi, eta, zeta) from the monomials ``m (7, 3)`` of the position."""
     xi, eta, zeta = at
@@ -185,6 +192,64 @@ class ShellKinematics(Kinematics):
         a, b = ([ufl.inner(self.vector(v), g) for g in self.dual] for v in (one, other))
         c = self._covariant
         return sum(a[i] * c[i][j] * b[j] for i in range(3) for j in range(3))
+
+
+class PointKinematics(ShellKinematics):
+    """What an energy may depend on at a point whose metric and base vectors are known.
+
+    An energy sees the metric through C and invariants alone. Each is a variable, so that the energy's derivative by it
+    is worked out once, and not for every component of the metric.
+
+    Args:
+        metric: Components c_11, c_22, c_33, c_12, c_13, c_23 of a metric of volume 1.
+        dual: G^1, G^2, G^3 in rows.
+        fibres: Unit vectors of the reference state by name.
+    """
+
+    def __init__(self, metric: Expr, dual: Expr, fibres: Mapping[str, Expr]) -> None:
+        self.dim, self.fibres = 3, dict(fibres)
+        self._components, self._rows = ufl.variable(metric), dual
+        self._seen: dict[object, Expr] = {}
+
+    def _variable(self, key: object, value: Expr) -> Expr:
+        return self._seen.setdefault(key, ufl.variable(value))
+
+    @cached_property
+    def C(self) -> Expr:
+        """Right Cauchy-Green tensor C = c_ij G^i (x) G^j."""
+        return self._variable("C", super().C)
+
+    @cached_property
+    def I1(self) -> Expr:
+        """First invariant tr C."""
+        return self._variable("I1", super().I1)
+
+    def I8(self, one: Direction, other: Direction) -> Expr:
+        """Product of two deformed directions, a . C b."""
+        return self._variable((one, other), super().I8(one, other))
+
+    def gradient(self, W: Expr) -> Expr:
+        """Return the derivative by the metric of an energy of these kinematics, ``(6,)``."""
+        terms = []
+        for seen in self._seen.values():
+            slope, rate = ufl.diff(W, seen), ufl.diff(seen, self._components)
+            i, j, k = ufl.indices(3)
+            terms.append(
+                slope * rate if not seen.ufl_shape else ufl.as_vector(slope[i, j] * rate[i, j, k], k)
+            )
+        return sum(terms)
+
+    @cached_property
+    def dual(self) -> tuple[Expr, Expr, Expr]:
+        """Contravariant base vectors G^i."""
+        one, two, three = (ufl.as_vector([self._rows[i, d] for d in range(3)]) for i in range(3))
+        return one, two, three
+
+    @cached_property
+    def _covariant(self) -> list[list[Expr]]:
+        """Components c_ij."""
+        c11, c22, c33, c12, c13, c23 = (self._components[i] for i in range(6))
+        return [[c11, c12, c13], [c12, c22, c23], [c13, c23, c33]]
 
 
 class StressFreeKinematics(ShellKinematics):

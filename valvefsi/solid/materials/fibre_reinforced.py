@@ -30,7 +30,7 @@ def in_tension(stretch_squared: Expr, width: float = 0.0) -> Expr:
     tension = ufl.conditional(ufl.gt(stretch_squared, 1.0), stretch_squared, 1.0)
     if width == 0:
         return tension
-    rounded = 1 + (tension - 1) ** 2 / (2 * width)
+    rounded = 1 + 0.5 / width * (tension - 1) ** 2  # its derivatives then have no divisions
     return ufl.conditional(ufl.gt(stretch_squared, 1.0 + width), stretch_squared - width / 2, rounded)
 
 

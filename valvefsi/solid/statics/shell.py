@@ -16,6 +16,7 @@ from petsc4py import PETSc
 
 from valvefsi.solid.elements.shell_cells import MODES
 from valvefsi.solid.elements.shell_elasticity import POINTS, ShellElasticity, split
+from valvefsi.solid.elements.shell_kinematics import KnownRatio
 from valvefsi.solid.elements.shell_layers import BITS
 from valvefsi.solid.materials import Volumetric
 from valvefsi.solid.materials.constants import adjustable
@@ -73,12 +74,7 @@ class SolidShell:
         J = ufl.variable(ratio)
         columns, mean = self.parts(material)
         total = Volumetric(kappa=columns.kappa + mean.kappa, form=self.volumetric)
-        return -ufl.diff(total.energy(_Volume(J)), J)
-
-
-class _Volume:
-    def __init__(self, J: Expr) -> None:
-        self.J, self.log_J = J, ufl.ln(J)
+        return -ufl.diff(total.energy(KnownRatio(J)), J)
 
 
 class ShellProblem:
