@@ -317,7 +317,7 @@ class _Index:
 
     def _restore(self, there: Mapping[int, Path]) -> None:
         """Make the entries anew from the checkpoint's times and the files; say what the list had lost."""
-        listed = read_times(self.path) if self.path.exists() else []
+        listed = read_times(self.path) if self.path.is_file() else []
         times = list(enumerate(self.times))
         for number, t in times:
             if t is not None and number in there:
