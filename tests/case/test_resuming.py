@@ -228,44 +228,6 @@ def test_a_history_that_is_missing_begins_anew_and_is_said(tmp_path, finished):
     assert result["last"]["t_s"] == rows["t_s"][-1] == pytest.approx(0.08)
 
 
-def lose_second_entry(path):
-    lines = path.read_text().splitlines(keepends=True)
-    first = next(k for k, line in enumerate(lines) if "DataSet " in line)
-    path.write_text("".join(lines[: first + 1] + lines[first + 2 :]))
-
-
-LIST_DAMAGE = {
-    "missing": Path.unlink,
-    "an entry lost": lose_second_entry,
-    "another's": lambda path: path.write_bytes(path.with_name("block.pvd").read_bytes()),
-}
-
-
-@pytest.mark.parametrize("damage", LIST_DAMAGE)
-def test_a_damaged_list_of_times_is_made_again_from_the_checkpoint(damage, tmp_path, whole):
-    out = broken_off(tmp_path / "run", 30)
-    LIST_DAMAGE[damage](out / "paraview" / "fluid.pvd")
-    with pytest.warns(UserWarning, match=r"fluid\.pvd: \d of 3 entries are put in again from the checkpoint"):
-        run_case(case_with(), out=out, resume=True, comm=SELF)
-    assert differences(out, whole) == {}
-
-
-def test_a_checkpoint_of_an_earlier_version_takes_the_frames_from_the_lists(tmp_path, whole, monkeypatch):
-    def without_frames(folder, step, fields, rows, meta, *others, **options):
-        return save(
-            folder, step, fields, rows, {k: v for k, v in meta.items() if k != "frames"}, *others, **options
-        )
-
-    save = checkpoint.save
-    monkeypatch.setattr(checkpoint, "save", without_frames)
-    out = broken_off(tmp_path / "run", 30)
-    monkeypatch.undo()
-    lose_second_entry(out / "paraview" / "fluid.pvd")
-    with pytest.warns(UserWarning, match=r"fluid\.pvd: 1 of 3 entries are put in again"):
-        run_case(case_with(), out=out, resume=True, comm=SELF)
-    assert differences(out, whole) == {}
-
-
 def test_what_a_run_was_warned_of_before_it_was_broken_off_is_in_its_summary(tmp_path, monkeypatch, whole):
     monkeypatch.setattr(health, "LONGEST_GAP", 0.5)
     out, theirs = tmp_path / "run", tmp_path / "whole"
