@@ -304,6 +304,7 @@ def test_a_fork_ends_as_the_command_line_does_and_dies_when_it_is_killed(tmp_pat
     [
         ("sys.exit(3)", "not one line: exit 3"),
         ("print('Traceback', file=sys.stderr); sys.exit(4)", "not one line: exit 4"),
+        ("print('error: x, error stack: MPI_File', file=sys.stderr); sys.exit(4)", "not one line: exit 4"),
         (
             "(out / 'a.json').write_text('{'); print('error: full', file=sys.stderr); sys.exit(4)",
             "torn file a.json",

@@ -1,4 +1,4 @@
-"""Run the command line as ``python -m valvefsi``."""
+"""Run the command line, as ``valvefsi`` and as ``python -m valvefsi``."""
 
 import sys
 from pathlib import Path
@@ -8,7 +8,16 @@ HERE, HOME = Path.cwd(), Path(__file__).resolve().parents[1]
 if sys.path and Path(sys.path[0]).resolve() == HERE != HOME:
     del sys.path[0]
 
-from valvefsi.cli import main  # noqa: E402
+from valvefsi.runtime.signals import end_in_one_line  # noqa: E402
+
+
+def main() -> None:
+    """Run the command line; what ends it while it is imported is said too."""
+    end_in_one_line()
+    from valvefsi.cli import main
+
+    main()
+
 
 if __name__ == "__main__":
     main()

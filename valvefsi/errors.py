@@ -6,6 +6,8 @@ together, see `raise_together`.
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import time
 from typing import TYPE_CHECKING, TypeVar, cast
@@ -90,6 +92,35 @@ def reason_of(error: OSError | MemoryError) -> str:
         return f"out of memory{f' ({error})' if str(error) else ''}"
     place = f"{error.filename}: " if error.filename else ""
     return f"{place}{error.strerror or ' '.join(str(error).split()) or type(error).__name__}"
+
+
+FAULTS = ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EACCES", "EPERM", "ENOENT", "ENODEV", "ESTALE")
+"""What a system says of a file that cannot be written, by its names for it."""
+CLASSES = {
+    "ERR_NO_SPACE": errno.ENOSPC,
+    "ERR_QUOTA": errno.EDQUOT,
+    "ERR_READ_ONLY": errno.EROFS,
+    "ERR_ACCESS": errno.EACCES,
+    "ERR_NO_SUCH_FILE": errno.ENOENT,
+}
+"""The same as MPI says it."""
+
+
+def system_error(place: Path, failure: MPI.Exception) -> OSError:
+    """Return what the system said when MPI could not write: MPI hands it on within a stack of its own functions.
+
+    Args:
+        place: What it could not write.
+        failure: What MPI says.
+    """
+    from mpi4py import MPI
+
+    text, kind = str(failure), failure.Get_error_class()
+    numbers = [getattr(errno, name) for name in FAULTS if hasattr(errno, name)]
+    known = [number for number in numbers if os.strerror(number) in text]
+    known += [number for name, number in CLASSES.items() if kind == getattr(MPI, name)]
+    number = known[0] if known else errno.EIO
+    return OSError(number, os.strerror(number), str(place))
 
 
 def alone_with_error(comm: MPI.Comm) -> bool:

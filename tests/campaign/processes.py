@@ -255,7 +255,8 @@ def _mount(folder: Path, options: str) -> bool:
 def _one_line(out: Path, code: int, said: str) -> str:
     """Return what is wrong with the end of a process that had no disk left, nothing if all is right."""
     lines = [line for line in said.splitlines() if line.startswith(("error", "Traceback"))]
-    if code != 4 or len(lines) != 1 or "Traceback" in said:
+    internals = any(word in said for word in ("Traceback", "error stack", "MPI_"))
+    if code != 4 or len(lines) != 1 or internals:
         return f"not one line: exit {code}, {said.strip()[-200:]}"
     broken = next(torn(out), None)
     return f"torn file {broken}" if broken else ""

@@ -104,6 +104,8 @@ def test_a_blank_before_an_expression_is_no_indent():
         2.5,
         4.5,
     ]
+    for text in (" sin(x)", "\tsin(x) ", "\n  sin(x)\n"):
+        assert Expression(text)({"x": 0.5, "y": 0.0, "z": 0.0, "t": 0.0}) == np.sin(0.5)
 
 
 @pytest.mark.parametrize(

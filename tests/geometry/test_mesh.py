@@ -204,6 +204,35 @@ def test_meshes_that_cannot_be_used_are_refused(comm, shared_tmp, nodes, element
     assert "\n" not in str(caught.value)
 
 
+TWO_TRIANGLES = """$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$Entities
+0 0 1 0
+1 0 0 0 1 1 0 1 1 0
+$EndEntities
+$Nodes
+1 4 1 4
+2 1 0 4
+1\n2\n3\n4
+0 0 0\n1 0 0\n1 1 0\n0 1 0
+$EndNodes
+$Elements
+1 2 1 2
+2 1 2 2
+1 1 2 3
+{} 1 3 4
+$EndElements
+"""
+
+
+def test_two_cells_of_one_number_are_refused(comm, shared_tmp):
+    read_mesh(write(comm, shared_tmp / "good.msh", TWO_TRIANGLES.format(2)), comm)
+    path = write(comm, shared_tmp / "bad.msh", TWO_TRIANGLES.format(1))
+    with pytest.raises(CaseError, match=r"bad\.msh: two cells have the same number"):
+        read_mesh(path, comm)
+
+
 def test_any_failure_of_the_build_reaches_all_ranks(comm):
     def build(gmsh):
         raise KeyError("nothing here")

@@ -5,12 +5,13 @@ import subprocess
 import sys
 import warnings
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from valvefsi.errors import CaseError
+from valvefsi.errors import CaseError, reason_of, system_error
 from valvefsi.io.checkpoint import MAGIC, Block, Rows, _inspect, list_checkpoints, load_latest, save
 
 SHAPE = (12, 7, 3)
@@ -252,11 +253,38 @@ def test_a_header_that_another_program_wrote_is_no_traceback(comm, shared_tmp):
         comm.barrier()
 
 
+class Stack(MPI.Exception):
+    """What MPI says of a file that it cannot write, with the functions that it was in."""
+
+    def __init__(self, kind, text):
+        super().__init__(kind)
+        self.text = text
+
+    def __str__(self):
+        return f"Other I/O error , error stack:\ninternal_File_write_all_c(8034): {self.text}"
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "said"),
+    [
+        (MPI.ERR_IO, "Other I/O error No space left on device", "No space left on device"),
+        (MPI.ERR_IO, "Other I/O error File too large", "File too large"),
+        (MPI.ERR_NO_SPACE, "failed", "No space left on device"),
+        (MPI.ERR_NO_SUCH_FILE, "Invalid file name", "No such file or directory"),
+        (MPI.ERR_IO, "failed", "Input/output error"),
+    ],
+)
+def test_what_mpi_cannot_write_is_said_as_the_system_says_it(kind, text, said):
+    error = system_error(Path("run/checkpoints"), Stack(kind, text))
+    assert reason_of(error) == f"run/checkpoints: {said}"
+
+
 ONE_RANK_CANNOT = """
 import os, sys, types
 from pathlib import Path
 import numpy as np
 from mpi4py import MPI
+from valvefsi.errors import reason_of
 from valvefsi.io import checkpoint
 comm, call, rank = MPI.COMM_WORLD, sys.argv[2], int(sys.argv[3])
 
@@ -278,7 +306,7 @@ fields = {n: checkpoint.Block(np.ones((2, 3)), (2 * comm.rank, 0), (4, 3)) for n
 try:
     checkpoint.save(Path(sys.argv[1]), 3, fields, {}, {}, comm)
 except OSError as error:
-    os.write(1, f"{comm.rank} {'cannot write' in str(error)}\\n".encode())  # at once: ranks share the line
+    os.write(1, f"{comm.rank} {reason_of(error)}\\n".encode())  # at once: ranks share the line
 """
 
 
@@ -291,5 +319,6 @@ def test_where_one_rank_cannot_write_all_say_so(call, rank, tmp_path):
         k: v for k, v in os.environ.items() if not k.startswith(("PMI", "OMPI_", "PMIX", "HYDRA", "MPI"))
     }
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=clean)
-    assert sorted(done.stdout.split("\n")) == ["", "0 True", "1 True"], done.stderr
+    said = f"{tmp_path}: No space left on device"
+    assert sorted(done.stdout.split("\n")) == ["", f"0 {said}", f"1 {said}"], done.stderr
     assert not list(tmp_path.iterdir())

@@ -83,6 +83,28 @@ def test_damaged_rows_are_passed_over_with_one_line(comm, shared_tmp):
 
 
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="knows of no ranks")
+@pytest.mark.parametrize(
+    "data", [b"", b"\xff\xfe\0" * 1000, b"step,t_s,u_y_cm\n"], ids=["empty", "noise", "heading"]
+)
+def test_a_history_without_a_whole_row_is_said_to_be_lost(data, tmp_path):
+    path = tmp_path / "history.csv"
+    path.write_bytes(data)
+    said = r"history\.csv holds no whole row: its rows up to step 5 are lost, it begins anew there"
+    with pytest.warns(UserWarning, match=said) as heard:
+        History(path, COLUMNS, MPI.COMM_SELF, resume_step=5)
+    assert len(heard) == 1
+    assert path.read_text() == "step,t_s,u_y_cm\n"
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="knows of no ranks")
+def test_a_history_that_an_editor_has_marked_as_text_is_gone_on_with(tmp_path):
+    path = tmp_path / "history.csv"
+    path.write_bytes(b"\xef\xbb\xbfstep,t_s,u_y_cm\r\n1,0.1,0.5\r\n")
+    History(path, COLUMNS, MPI.COMM_SELF, resume_step=5)
+    assert read_history(path) == {"step": [1], "t_s": [0.1], "u_y_cm": [0.5]}
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="knows of no ranks")
 def test_a_history_that_grows_is_read_on_by_whole_rows_only(tmp_path):
     path = tmp_path / "history.csv"
     reader = HistoryReader(path)

@@ -7,9 +7,10 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from valvefsi.io.paraview import FluidSeries, SolidSeries
-from valvefsi.io.series import read_times
+from valvefsi.io.series import frames_on_disk, read_times
 
 CELLS = (8, 5, 3)
 LOWER, SPACING = (-1.0, 0.5, 0.0), (0.25, 0.25, 0.25)
@@ -130,7 +131,7 @@ def test_a_resumed_series_has_no_gap_and_no_double(comm, shared_tmp):
         write(writer, t)
     if comm.rank == 0:  # a piece of a frame that was not finished, by a rank that no longer is
         (shared_tmp / "fluid" / "fluid_000004_0007.vti").write_text("torn")
-    writer = series(comm, shared_tmp, resume_time=0.2)
+    writer = series(comm, shared_tmp, frames=[0.0, 0.1, 0.2])
     assert [t for t, _ in entries(shared_tmp / "fluid.pvd")] == [0.0, 0.1, 0.2]
     comm.barrier()
     for t in (0.2, 0.3, 0.4):
@@ -169,7 +170,7 @@ def test_a_solid_is_read_back_with_displacement_and_J(comm, shared_tmp):
     writer = SolidSeries(shared_tmp, "block", comm)
     for t in (0.0, 0.5):
         writer.write(t, *data)
-    writer = SolidSeries(shared_tmp, "block", comm, resume_time=0.0)
+    writer = SolidSeries(shared_tmp, "block", comm, frames=[0.0])
     writer.write(0.25, *data)
     comm.barrier()
     found = entries(shared_tmp / "block.pvd")
@@ -184,22 +185,84 @@ def test_a_solid_is_read_back_with_displacement_and_J(comm, shared_tmp):
     assert [float(block[0]) for block in mesh.cell_data["J"]] == [0.9, 1.1]
 
 
-def test_a_cut_list_of_times_is_gone_on_with_in_one_line(comm, shared_tmp):
+def rewritten(path, damage):
+    path.write_bytes(damage(path.read_bytes()))
+
+
+def without_the_second_entry(text):
+    lines = text.splitlines(keepends=True)
+    return b"".join(line for line in lines if b'timestep="0.5"' not in line)
+
+
+DAMAGE = {
+    "an entry is lost": (without_the_second_entry, "1 of 3 entries are put in again from the checkpoint"),
+    "cut short": (lambda text: text[: text.index(b'timestep="0.5"')], "2 of 3 entries are put in again"),
+    "empty": (lambda text: b"", "3 of 3 entries"),
+    "another time": (lambda text: text.replace(b'"0.5"', b'"0.6"'), "1 of 3 entries"),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_a_damaged_list_of_times_costs_no_frame(kind, comm, shared_tmp):
+    """Later frames have numbers of their own, earlier ones stay to the byte, the list has all of them."""
+    writer = series(comm, shared_tmp)
+    for t in (0.0, 0.5, 1.0, 1.5):  # the last is of a later time than the checkpoint
+        write(writer, t)
+    path, (damage, said) = shared_tmp / "fluid.pvd", DAMAGE[kind]
+    earlier = [f for k in range(3) for f in sorted((shared_tmp / "fluid").glob(f"fluid_{k:06d}*"))]
+    before = [f.read_bytes() for f in earlier]
+    comm.barrier()
+    if comm.rank == 0:
+        rewritten(path, damage)
+        with pytest.warns(UserWarning, match=rf"fluid\.pvd: {said}") as caught:
+            again = series(comm, shared_tmp, frames=[0.0, 0.5, 1.0])
+        assert [len(str(c.message).splitlines()) for c in caught] == [1]
+    else:
+        again = series(comm, shared_tmp, frames=[0.0, 0.5, 1.0])
+    assert [t for t, _ in read_times(path)] == [0.0, 0.5, 1.0]
+    comm.barrier()
+    for t in (2.0, 3.0):
+        write(again, t)
+    assert read_times(path) == [
+        (t, f"fluid/fluid_{k:06d}.pvti") for k, t in enumerate((0.0, 0.5, 1.0, 2.0, 3.0))
+    ]
+    assert [f.read_bytes() for f in earlier] == before
+
+
+def test_a_frame_whose_file_is_gone_keeps_its_number(comm, shared_tmp):
     writer = series(comm, shared_tmp)
     for t in (0.0, 0.5, 1.0):
         write(writer, t)
-    path = shared_tmp / "fluid.pvd"
     if comm.rank == 0:
-        whole = path.read_bytes()
-        path.write_bytes(whole[: whole.rindex(b"<DataSet") + 20])
-        assert [t for t, _ in read_times(path)] == [0.0, 0.5]
-        with pytest.warns(UserWarning, match=r"fluid\.pvd was cut off; it goes on after 2 times") as caught:
-            again = series(comm, shared_tmp, resume_time=2.0)
-        assert "\n" not in str(caught[0].message)
+        (shared_tmp / "fluid" / "fluid_000001.pvti").unlink()
+        with pytest.warns(UserWarning, match=r"the files of 1 frame \(1\) are gone$"):
+            again = series(comm, shared_tmp, frames=[0.0, 0.5, 1.0])
     else:
-        again = series(comm, shared_tmp, resume_time=2.0)
-    write(again, 1.0)
-    assert [t for t, _ in read_times(path)] == [0.0, 0.5, 1.0]
+        again = series(comm, shared_tmp, frames=[0.0, 0.5, 1.0])
+    write(again, 2.0)
+    found = entries(shared_tmp / "fluid.pvd")
+    assert found == [(t, f"fluid/fluid_{k:06d}.pvti") for k, t in ((0, 0.0), (2, 1.0), (3, 2.0))]
+
+
+def test_a_checkpoint_without_frames_takes_their_times_from_all_lists(tmp_path):
+    """What one list has lost another knows; what none knows keeps its number, and what is later goes."""
+    for name in ("fluid", "block"):
+        writer = SolidSeries(tmp_path, name, MPI.COMM_SELF)
+        for t in (0.0, 0.5, 1.0, 1.5, 2.0):
+            writer.index.add(
+                t, writer.index.stem(t).with_suffix(".vtu"), lambda path: path.write_text("frame")
+            )
+    assert frames_on_disk(tmp_path, 1.5) == [0.0, 0.5, 1.0, 1.5]
+    rewritten(tmp_path / "fluid.pvd", without_the_second_entry)
+    assert frames_on_disk(tmp_path, 1.5) == [0.0, 0.5, 1.0, 1.5]
+    rewritten(tmp_path / "block.pvd", lambda text: text[: text.index(b"<DataSet")])
+    assert frames_on_disk(tmp_path, 1.5) == [0.0, None, 1.0, 1.5]
+    with pytest.warns(UserWarning, match=r"the times of 1 frame \(1\) are not known, their files stay$"):
+        writer = SolidSeries(tmp_path, "fluid", MPI.COMM_SELF, frames=[0.0, None, 1.0, 1.5])
+    assert [path.name for path in sorted((tmp_path / "fluid").iterdir())] == [
+        f"fluid_{k:06d}.vtu" for k in range(4)
+    ]
+    assert writer.index.stem(1.75).name == "fluid_000004"
 
 
 def test_a_list_of_times_leads_to_no_file_outside_its_folder(tmp_path):

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from valvefsi.grid import MacGrid
+    from valvefsi.io.series import Frames
     from valvefsi.solid.structure import Structure
 
 
@@ -169,8 +170,8 @@ class BodyBase(ABC):
         """Return the displacement ``(3,)`` [cm] of the point nearest to ``at`` by state (collective)."""
         raise ValueError(f"{self.name} does not move")
 
-    def series(self, folder: Path, comm: MPI.Comm, resume_time: float | None) -> Series:
-        """Return what draws it over time, in a folder; entries after ``resume_time`` [s] go (collective)."""
+    def series(self, folder: Path, comm: MPI.Comm, frames: Frames | None) -> Series:
+        """Return what draws it over time, in a folder; files of frames not in ``frames`` [s] go (collective)."""
         return NoSeries()
 
     def small_motion(self, q: Table | None, t: float, dt: float, nudge: float) -> SmallMotion | None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from valvefsi.coupling.elemental import ElementalCoupling
     from valvefsi.coupling.transfer import Coupling
     from valvefsi.grid import MacGrid
+    from valvefsi.io.series import Frames
     from valvefsi.solid.structure import Structure
     from valvefsi.types import Array, Faces, Indices, Table, Transfer
 
@@ -182,9 +183,9 @@ class Elastic(BodyBase):
         start = self.solid.position_of(node, self.X)
         return lambda q: self.solid.position_of(node, q["chi"]) - start
 
-    def series(self, folder: Path, comm: MPI.Comm, resume_time: float | None) -> ElasticSeries:
+    def series(self, folder: Path, comm: MPI.Comm, frames: Frames | None) -> ElasticSeries:
         """Return what draws it over time, in a folder (collective)."""
-        return ElasticSeries(self.solid, SolidSeries(folder, self.name, comm, resume_time=resume_time))
+        return ElasticSeries(self.solid, SolidSeries(folder, self.name, comm, frames=frames))
 
     def small_motion(self, q: Table | None, t: float, dt: float, nudge: float) -> SmallMotion | None:
         """Return it as a small displacement sees it: forces there and back, and slip (collective)."""

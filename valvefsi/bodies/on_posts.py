@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from valvefsi.coupling.transfer import Coupling
     from valvefsi.geometry.stent_posts import StentPosts
     from valvefsi.grid import MacGrid
+    from valvefsi.io.series import Frames
     from valvefsi.types import Array, Faces, Indices, Table, Transfer
 
 CLOSING = 100.0
@@ -241,9 +242,9 @@ class OnPosts(BodyBase):
         """Return the displacement ``(3,)`` [cm] of the leaflets' node nearest to ``at`` by state (collective)."""
         return self.leaflets.follow(at)
 
-    def series(self, folder: Path, comm: MPI.Comm, resume_time: float | None) -> Series:
+    def series(self, folder: Path, comm: MPI.Comm, frames: Frames | None) -> Series:
         """Return what draws the leaflets over time, in a folder (collective)."""
-        return self.leaflets.series(folder, comm, resume_time)
+        return self.leaflets.series(folder, comm, frames)
 
     def small_motion(self, q: Table | None, t: float, dt: float, nudge: float) -> SmallMotion | None:
         """Return the leaflets on posts that stand still, which are the stiffer ones (collective)."""

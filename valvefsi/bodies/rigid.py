@@ -28,6 +28,7 @@ from valvefsi.runtime.clock import Timed
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+    from valvefsi.io.series import Frames
     from valvefsi.types import Array, Faces, Indices, Keeping, Table, Transfer
 
 QUADRILATERAL = 9
@@ -186,7 +187,7 @@ class RigidSurface(BodyBase):
         other.transfer = Timed(self.transfer, table, phases)
         return other
 
-    def series(self, folder: Path, comm: MPI.Comm, resume_time: float | None) -> NoSeries:
+    def series(self, folder: Path, comm: MPI.Comm, frames: Frames | None) -> NoSeries:
         """Write it once, where it has faces. Collective."""
         if comm.rank == 0 and self.faces is not None and len(self.faces):
             write_body(

@@ -23,7 +23,7 @@ from valvefsi.case.models import Case, Solid
 from valvefsi.case.origins import write_provenance
 from valvefsi.case.plan_warnings import plan_warnings
 from valvefsi.case.reading import load_case
-from valvefsi.case.resuming import check_shapes, check_start, clear, provenance_of, run_folder
+from valvefsi.case.resuming import check_shapes, check_start, clear, provenance_of, run_folder, shown_pair
 from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
 from valvefsi.case.target import at_target, plan_target, target_numbers
 from valvefsi.case.valve import check_leaflets, find_orifice
@@ -128,7 +128,11 @@ def write_case(case: Case, out: Path, comm: MPI.Comm, changes: Changes = ()) -> 
     error = None
     try:
         if comm.rank == 0:
-            notes = [f"# t = {c['t_s']:.9g} s: {c['key']} was {c['old']!r}" for c in changes]
+            before = [shown_pair(case, str(c["key"]), c["old"], c["new"])[0] for c in changes]
+            notes = [
+                f"# t = {c['t_s']:.9g} s: {c['key']} was {old}"
+                for c, old in zip(changes, before, strict=True)
+            ]
             write_text(Path(out) / "case.toml", "\n".join([*notes, to_toml(case)]))
     except OSError as failure:
         error = failure

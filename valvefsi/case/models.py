@@ -407,6 +407,7 @@ class Case(Table):
     _file: Path | None = PrivateAttr(None)
     _trust: bool = PrivateAttr(False)
     _origins: dict[str, str] = PrivateAttr(default_factory=dict)
+    _written: dict[str, object] = PrivateAttr(default_factory=dict)
 
     @property
     def trust(self) -> bool:
@@ -422,6 +423,11 @@ class Case(Table):
     def origins(self) -> dict[str, str]:
         """Where the values that were given are from, by their paths, see `valvefsi.case.origins`."""
         return self._origins
+
+    @property
+    def written(self) -> dict[str, object]:
+        """Values as they were written, by their paths, see `valvefsi.case.values`."""
+        return self._written
 
     @property
     def dt(self) -> float:

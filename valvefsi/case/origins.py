@@ -207,8 +207,9 @@ def inputs_of(case: Case) -> list[dict[str, str]]:
 
 def read_provenance(out: Path) -> dict[str, Any]:
     """Return what a run has kept of its origins, empty where it has kept nothing or that is damaged."""
+    path = Path(out) / PROVENANCE
     try:
-        found = json.loads((Path(out) / PROVENANCE).read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -87,6 +87,15 @@ class Quantity:
         """Return the number with its unit, so that it reads back exactly."""
         return f"{value!r} {self.unit}"
 
+    def text_in(self, value: float, like: object, digits: int) -> str:
+        """Return a number of ``unit`` to some digits, in the unit of a text such as ``like`` where it has one."""
+        match = NUMBER.fullmatch(like) if isinstance(like, str) else None
+        unit = match[2] if match and match[2] else self.unit
+        if unit != self.unit:
+            registry = unit_registry()
+            value = float(registry.Quantity(value, self.unit).to(registry.parse_units(unit)).magnitude)
+        return f"{value:.{digits}g} {unit}"
+
     def _split(self, text: str) -> tuple[float, str]:
         match = NUMBER.fullmatch(text)
         if match is None:

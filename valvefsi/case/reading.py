@@ -19,6 +19,7 @@ from valvefsi.case.models import Case
 from valvefsi.case.origins import origins_of, shown_path
 from valvefsi.case.overrides import Override, apply_overrides, nearest
 from valvefsi.case.trust import load_own_materials
+from valvefsi.case.values import written_values
 from valvefsi.errors import CaseError
 from valvefsi.types import Unchecked
 
@@ -95,6 +96,7 @@ def parse_case(
         raise one_line(error, tables, file, changed) from None
     case._file, case._trust = file, trust
     case._origins = origins_of(raw, file, tables, changed)
+    case._written = written_values(tables)
     try:
         check_case(case)
     except CaseError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
@@ -12,6 +13,8 @@ from typing import Any
 from mpi4py import MPI
 
 from valvefsi.case.models import Case, Mesh
+from valvefsi.case.origins import entries_of
+from valvefsi.case.quantities import Quantity
 from valvefsi.case.values import values_by_path
 from valvefsi.errors import CaseError
 from valvefsi.io import checkpoint
@@ -25,6 +28,8 @@ FREE = re.compile(
     r"|solid\.\w+\.material\.preset|target\..*"
 )
 """What is no part of a state and of the way on from it."""
+DIGITS = (6, 12, 17)
+"""Digits that a quantity is shown with: as few as tell the old from the new value."""
 NO_SHAPE = ("fibre_angles",)
 """What is no part of the shape of leaflets."""
 FIXED = re.compile(
@@ -158,7 +163,7 @@ def _changes(meta: Mapping[str, Any], case: Case, allow: bool) -> tuple[dict[str
     held_back = [] if allow else held_back
     if fixed or held_back:
         key = (fixed or held_back)[0]
-        before, after = ("not there" if value is None else repr(value) for value in found[key])
+        before, after = shown_pair(case, key, *found[key])
         more = len(fixed or held_back) - 1
         others = f" (and {more} more)" if more else ""
         then = "start a new run" if fixed else "--allow-change goes on with it"
@@ -166,3 +171,23 @@ def _changes(meta: Mapping[str, Any], case: Case, allow: bool) -> tuple[dict[str
         raise CaseError(message, file=case.file, key=key)
     made = [{"t_s": meta["t"], "key": key, "old": a, "new": b} for key, (a, b) in found.items()]
     return (*recorded.get("changes", ()), *made)
+
+
+def shown_pair(case: Case, key: str, old: object, new: object) -> tuple[str, str]:
+    """Return two values of a key as the case writes it: quantities with their unit, to the digits that part them."""
+    unit = next((e.unit for e in entries_of(case, None) if f"{key}.".startswith(f"{e.path}.") and e.unit), "")
+    like, pair = case.written.get(key), ("", "")
+    for digits in DIGITS:
+        pair = _shown(old, unit, like, digits), _shown(new, unit, like, digits)
+        if pair[0] != pair[1]:
+            break
+    return pair
+
+
+def _shown(value: object, unit: str, like: object, digits: int) -> str:
+    """Return a value as a case writes it."""
+    if value is None:
+        return "not there"
+    if unit and isinstance(value, int | float) and not isinstance(value, bool):
+        return Quantity(unit).text_in(value, like, digits)
+    return json.dumps(value)

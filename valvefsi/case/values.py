@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 
 from valvefsi.case.models import Case
@@ -18,6 +19,11 @@ def values_by_path(case: Case) -> dict[str, object]:
     return _flat(to_dict(case), "")
 
 
+def written_values(tables: Mapping[str, object]) -> dict[str, object]:
+    """Return every value of a case's tables as it was written, by the same paths."""
+    return _flat(tables, "")
+
+
 def case_differences(a: Case, b: Case) -> dict[str, tuple[object, object]]:
     """Return the values of two cases where they differ, by their paths; None where a case has no such key."""
     first, second = values_by_path(a), values_by_path(b)
@@ -28,9 +34,9 @@ def case_differences(a: Case, b: Case) -> dict[str, tuple[object, object]]:
     }
 
 
-def _flat(value: Unchecked, path: str) -> dict[str, object]:
+def _flat(value: object, path: str) -> dict[str, object]:
     """Return values by their paths, items of lists by name where they have one."""
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         items = list(value.items())
     elif isinstance(value, list):
         named = [item.get("name") if isinstance(item, dict) else None for item in value]

@@ -1,8 +1,8 @@
 """The commands: run a case or a sweep, print the keys of case files, compare runs and records, run benchmarks.
 
 Exit codes: 0 done, 2 a case or an option cannot be used, 3 the run failed (ConvergenceError, StabilityError) or members
-did (StudyError), 4 the surroundings failed (disk, folder, memory), 130 interrupted, 143 terminated, 1 a fault of the
-program itself.
+did (StudyError), 4 the surroundings failed (disk, folder, memory), 130 interrupted, 143 terminated (while libraries are
+imported too), 1 a fault of the program itself.
 In a parallel run rank 0 speaks for all. What computes is imported by the command that needs it, so that ``--help``
 is quick.
 """
@@ -47,10 +47,10 @@ from valvefsi.errors import (
     alone_with_error,
     reason_of,
 )
+from valvefsi.runtime.surroundings import launched_rank
 
 GRACE = 0.5
 INTERRUPTED = 130
-RANK_VARIABLES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK", "MPI_RANKID")
 
 # typer uses click, or brings its own copy of it, depending on the release.
 USAGE_ERROR: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
@@ -132,12 +132,9 @@ def main() -> NoReturn:
 
 
 def _launched_rank() -> int:
-    """Return this process' rank without starting MPI, from what the launcher says."""
+    """Return this process' rank without starting MPI."""
     mpi = sys.modules.get("mpi4py.MPI")
-    if mpi is not None:
-        return mpi.COMM_WORLD.rank
-    values = (os.environ.get(name, "") for name in RANK_VARIABLES)
-    return next((int(value) for value in values if value.isdigit()), 0)
+    return launched_rank() if mpi is None else mpi.COMM_WORLD.rank
 
 
 def _leave_together(message: str, code: int) -> None:

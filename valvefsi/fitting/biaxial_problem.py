@@ -108,7 +108,14 @@ class Biaxial:
     def own(self) -> tuple[Parameter, ...]:
         """The material's own parameters."""
         extent = Extent.of(self._state, float(np.abs(self.data.stress).max()))
-        return tuple(_with_options(p, self.options) for p in self.material.parameters(extent))
+        own = tuple(_with_options(p, self.options) for p in self.material.parameters(extent))
+        even = 90.0 if self.mirrored else None
+        return tuple(replace(p, even=even) if p.name == "angle" else p for p in own)
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether +angle and -angle are the same."""
+        return not self.data.shear or getattr(self.material, "families", "") == "symmetric"
 
     @property
     def count(self) -> int:
@@ -169,19 +176,18 @@ class Biaxial:
                     values[pair] = values[pair[::-1]]
         elif angle > 90:
             angle -= 180
-        mirrored = not self.data.shear or getattr(self.material, "families", "") == "symmetric"
-        angle = abs(angle) if mirrored else angle
+        angle = abs(angle) if self.mirrored else angle
         size = np.abs(self.problem.w * self.problem.data).max()
         for value in (round(angle / 90) * 90.0, angle):
             values[at] = value
             change = np.abs(self.problem.w * (self.problem.model(values) - fit.curve)).max()
             if change <= 1e-7 * size:
-                return replace(fit, values=values, problem=self._folded(fit.problem, at, mirrored))
+                return replace(fit, values=values, problem=self._folded(fit.problem, at))
         return fit  # a bound or a held parameter breaks the symmetry
 
-    def _folded(self, problem: Problem, at: int, mirrored: bool) -> Problem:
+    def _folded(self, problem: Problem, at: int) -> Problem:
         """Return the problem with the angle from 0 to 90 degrees where that is all there is."""
-        if not mirrored:
+        if not self.mirrored:
             return problem
         parameters = list(problem.parameters)
         parameters[at] = replace(parameters[at], lower=0.0, upper=90.0, start=(0.0, 90.0))

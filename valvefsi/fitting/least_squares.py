@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +25,8 @@ NOTHING = 1e-18
 """A cost below this part of half the data's sum of squares is an exact fit."""
 LEAST_PART = 0.05
 """Least part of the data that a positive linear parameter starts with."""
+NUDGE = 0.01
+"""Part of the distance of two axes at which it is seen whether an axis is a least."""
 CLOSE = 1e-6
 """A parameter is at its bound when it is nearer than this part of the span of its bounds."""
 
@@ -100,9 +102,9 @@ class Fit:
 
     @property
     def reached(self) -> int:
-        """Number of starts that converged to the same cost as the best."""
+        """Number of starts that ended at the same cost as the best, itself included."""
         limit = self.cost * (1 + SAME) + _nothing(self.problem)
-        return sum(start.converged and start.cost <= limit for start in self.starts)
+        return sum(start.cost <= limit for start in self.starts)
 
     @cached_property
     def at_bound(self) -> tuple[str | None, ...]:
@@ -220,6 +222,34 @@ def solve(problem: Problem, x: Array, *, limit: int = 400, tolerance: float = 1e
         limit: Most evaluations of the model.
         tolerance: Relative change of cost and parameters at which it ends.
     """
+    start = _solved(problem, x, limit, tolerance)
+    if start.converged or not np.isfinite(start.cost):
+        return start
+    return _solved_on_axes(problem, start, limit, tolerance)
+
+
+def _solved_on_axes(problem: Problem, start: Start, limit: int, tolerance: float) -> Start:
+    """Return the end of a start that crept, with what the model is even in held where it is, if that is the least.
+
+    There the model has no first derivative and the solver, which knows no second, takes steps that are far too long.
+    """
+    held = beside = problem
+    for i, p in zip(problem.free, problem.free_parameters, strict=True):
+        axis = p.even * round(start.values[i] / p.even) if p.even else np.inf
+        if p.even and p.lower <= axis <= p.upper:
+            held = held.with_constant(p.name, axis)
+            near = axis + NUDGE * p.even * (1 if axis < p.upper else -1)
+            beside = beside.with_constant(p.name, near)
+    if held is problem or not held.free:
+        return start
+    again, near_by = (_solved(one, one.scaled(start.values), limit, tolerance) for one in (held, beside))
+    if again.cost > min(start.cost, near_by.cost):
+        return start
+    return replace(again, initial=start.initial, evaluations=start.evaluations + again.evaluations)
+
+
+def _solved(problem: Problem, x: Array, limit: int, tolerance: float) -> Start:
+    """Return where a solver leads from one scaled start."""
     low, high = problem.bounds
     inside = 1e-9 * (high - low)
     x = np.clip(x, low + inside, high - inside)

@@ -30,6 +30,7 @@ class Parameter:
         value: The value it is held at; None where it is fitted.
         linear: The model is linear in it, so that starts need not guess it.
         period: Length after which the model repeats, None where it does not (an angle).
+        even: The model is even about every multiple of it (an angle, without shear in the data); None where it is not.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Parameter:
     value: float | None = None
     linear: bool = False
     period: float | None = None
+    even: float | None = None
 
     def __post_init__(self) -> None:
         if self.value is not None:

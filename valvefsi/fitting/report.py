@@ -59,6 +59,11 @@ class Assessment:
                 f"warning: {fit.reached} of {len(fit.starts)} starts reached the best cost; there may be a better one: "
                 "raise --starts, narrow --bounds or --fix a parameter"
             )
+        if not any(start.converged and start.cost <= fit.cost for start in fit.starts):
+            lines.append(
+                "warning: the best start has not met the solver's tolerance, its cost may fall further: narrow "
+                "--bounds or --fix a parameter"
+            )
         if self.alike > ALIKE:
             lines.append(
                 f"warning: neighbouring residuals are alike (over about {self.alike:.0f} samples): the model misses "
@@ -230,8 +235,8 @@ class Report:
             f"half sum of squares {fit.half_squares:.8g} ({fit.problem.unit})^2, R2 {size['r_squared']:.5f}, "
             f"NRMSE {100 * size['nrmse']:.3g} %, relative L2 {100 * size['relative_l2']:.3g} %, "
             f"Linf {100 * size['relative_linf']:.3g} %, {len(fit.problem.data)} numbers",
-            f"{fit.reached} of {fit.converged} converged starts reached it ({len(fit.starts)} starts, "
-            f"{fit.seconds:.1f} s)",
+            f"{fit.reached} of {len(fit.starts)} starts reached it, {fit.converged} met the solver's tolerance "
+            f"({fit.seconds:.1f} s)",
         ]
         if len(singular) > 1:
             lines.append(f"condition of the scaled Jacobian {singular[0] / max(singular[-1], 1e-300):.3g}")

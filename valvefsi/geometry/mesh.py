@@ -184,7 +184,10 @@ def _inspect(model: Gmsh, source: str) -> tuple[int, dict[str, tuple[int, int]]]
     if len(model.mesh.getElements(tdim)[0]) != 1:
         raise CaseError("expected cells of one kind", file=source)
     tagged = sum(_count_elements(model, tdim, tag) for dim, tag in groups if dim == tdim)
-    total = len(model.mesh.getElements(tdim)[1][0])
+    (numbers,) = model.mesh.getElements(tdim)[1]
+    total = len(numbers)
+    if len(np.unique(numbers)) != total:
+        raise CaseError("two cells have the same number", file=source)
     if tagged != total:
         raise CaseError(f"{total} cells, {tagged} tags: every cell needs one physical group", file=source)
     model.mesh.renumberNodes()

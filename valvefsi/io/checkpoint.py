@@ -26,7 +26,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from valvefsi.errors import CaseError, raise_together
+from valvefsi.errors import CaseError, raise_together, system_error
 
 MAGIC = b"VFSISTA3"
 OLD = (b"VFSISTA1", b"VFSISTA2")
@@ -305,7 +305,7 @@ def _write(
     try:
         file = MPI.File.Open(cast(MPI.Intracomm, comm), str(path), MPI.MODE_CREATE | MPI.MODE_WRONLY)
     except MPI.Exception as failure:
-        raise_together(comm, OSError(f"cannot write {path}: {failure}"))
+        raise_together(comm, system_error(path.parent, failure))
     raise_together(comm, None)
 
     def attempt(call: Callable[..., None], *arguments: Any) -> None:
@@ -313,7 +313,7 @@ def _write(
         try:
             call(*arguments)
         except MPI.Exception as failure:
-            error = error or OSError(f"cannot write {path}: {failure}")
+            error = error or system_error(path.parent, failure)
 
     # A rank that cannot write goes on with the others to the end: they would wait for it for ever.
     if comm.rank == 0:

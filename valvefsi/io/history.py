@@ -81,15 +81,16 @@ class History:
     def _start(self, resume_step: int | None) -> None:
         """Write the heading and the rows that stay, in one go."""
         rows: list[list[str]] = []
-        if resume_step is not None and not self.path.exists():
-            lost = f"{self.path} is missing: its rows up to step {resume_step} are lost, it begins anew there"
-            warnings.warn(lost, stacklevel=2)
-        elif resume_step is not None:
-            columns, rows = _read_rows(self.path)
+        if resume_step is not None:
+            columns, rows = _read_rows(self.path) if self.path.is_file() else ((), [])
             if columns and columns != self.columns:
                 found = ", ".join(columns)
                 raise CaseError(f"cannot go on with this history, its columns are {found}", file=self.path)
             rows = [row for row in rows if float(row[0]) <= resume_step]
+        if resume_step is not None and not rows:
+            state = "holds no whole row" if self.path.is_file() else "is missing"
+            lost = f"{self.path} {state}: its rows up to step {resume_step} are lost, it begins anew there"
+            warnings.warn(lost, stacklevel=2)
         self.last = float(rows[-1][0]) if rows else None
         self.path.parent.mkdir(parents=True, exist_ok=True)
         temporary = self.path.with_name(f".{self.path.name}.part")
@@ -184,7 +185,7 @@ def _read_rows(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:
 
     Others are passed over, and so is a row whose step (the first column) is not above the one before it.
     """
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
     *lines, rest = text.replace("\r\n", "\n").split("\n")
     columns: tuple[str, ...] = tuple(lines[0].split(",")) if lines else ()
     rows: list[list[str]] = []
@@ -195,7 +196,7 @@ def _read_rows(path: Path) -> tuple[tuple[str, ...], list[list[str]]]:
                 rows.append(row)
                 last = float(row[0])
     passed = max(len(lines) - 1, 0) - len(rows) + bool(rest)
-    if passed:
+    if passed and columns:
         warnings.warn(f"{path}: {passed} damaged row{'s' * (passed > 1)} passed over", stacklevel=3)
     return columns, rows
 

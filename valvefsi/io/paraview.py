@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valvefsi.errors import CaseError, raise_together
-from valvefsi.io.series import read_times
+from valvefsi.io.series import Frames, frame_number, read_times
 from valvefsi.io.solid_body import Body, write_body
 from valvefsi.runtime import threads
 from valvefsi.types import Array, Indices
@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 BYTE_ORDER = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
 FILE = {"version": "1.0", "byte_order": BYTE_ORDER, "header_type": "UInt64"}
 PACKED = {**FILE, "compressor": "vtkZLibDataCompressor"}
-END = b"</VTKFile>"
+LISTED = (".pvti", ".pvtr", ".vtu")
+"""Endings of the files that a list of times names."""
+SHOWN = 5
+"""Numbers of frames that a line names."""
 BLOCK = 1 << 20
 """Bytes that are compressed together."""
 FIELDS = (("velocity", 3), ("pressure", 1))
@@ -61,7 +64,8 @@ class FluidSeries:
         size: This rank's number of cells, ``(3,)``.
         box: Lower corner of the grid and its spacing, ``((3,), (3,))``, or the edges of the cells along each axis,
             three of ``(cells + 1,)`` [cm].
-        resume_time: Time of the checkpoint that the run goes on from [s]: later entries are dropped.
+        frames: Times of the frames by number, as the checkpoint that a run goes on from has them [s]; None for a new
+            series. See `valvefsi.io.series.frames_on_disk` for None in it.
 
     Attributes:
         fields: Name and number of components of each field.
@@ -81,7 +85,7 @@ class FluidSeries:
         start: Sequence[int],
         size: Sequence[int],
         box: Sequence[Sequence[float]],
-        resume_time: float | None = None,
+        frames: Frames | None = None,
     ) -> None:
         self.comm = comm
         self.whole = _extent((0, 0, 0), cells)
@@ -93,7 +97,7 @@ class FluidSeries:
             self.kind = "ImageData"
             self.image = {"Origin": _join(map(float, box[0])), "Spacing": _join(map(float, box[1]))}
         self.suffix = ".vti" if self.edges is None else ".vtr"
-        self.index = _Index(directory, name, comm, resume_time)
+        self.index = _Index(directory, name, comm, frames)
 
     def write(self, t: float, *arrays: Array) -> None:
         """Write one time.
@@ -183,14 +187,15 @@ class SolidSeries:
         directory: Folder of the series.
         name: Name of the series, the solid's.
         comm: Communicator of the run.
-        resume_time: Time of the checkpoint that the run goes on from [s]: later entries are dropped.
+        frames: Times of the frames by number, as the checkpoint that a run goes on from has them [s]; None for a new
+            series. See `valvefsi.io.series.frames_on_disk` for None in it.
 
     Note:
         Collective.
     """
 
-    def __init__(self, directory: Path, name: str, comm: MPI.Comm, resume_time: float | None = None) -> None:
-        self.index = _Index(directory, name, comm, resume_time)
+    def __init__(self, directory: Path, name: str, comm: MPI.Comm, frames: Frames | None = None) -> None:
+        self.index = _Index(directory, name, comm, frames)
 
     def write(
         self,
@@ -244,14 +249,15 @@ class BodySeries:
         directory: Folder of the series.
         name: Name of the series.
         comm: Communicator of the run.
-        resume_time: Time of the checkpoint that the run goes on from [s]: later entries are dropped.
+        frames: Times of the frames by number, as the checkpoint that a run goes on from has them [s]; None for a new
+            series. See `valvefsi.io.series.frames_on_disk` for None in it.
 
     Note:
         Collective.
     """
 
-    def __init__(self, directory: Path, name: str, comm: MPI.Comm, resume_time: float | None = None) -> None:
-        self.index = _Index(directory, name, comm, resume_time)
+    def __init__(self, directory: Path, name: str, comm: MPI.Comm, frames: Frames | None = None) -> None:
+        self.index = _Index(directory, name, comm, frames)
 
     def write(self, t: float, gathered: GatheredBody | None) -> None:
         """Write one time.
@@ -274,47 +280,64 @@ class BodySeries:
 
 
 class _Index:
-    """The list of times of a series, kept in memory on rank 0 and in ``NAME.pvd``."""
+    """The list of times of a series, kept in memory on rank 0 and in ``NAME.pvd``.
 
-    def __init__(self, directory: Path, name: str, comm: MPI.Comm, resume_time: float | None) -> None:
+    The number of a file is that of its time in the checkpoint's frames, whatever the list has lost.
+    """
+
+    def __init__(self, directory: Path, name: str, comm: MPI.Comm, frames: Frames | None) -> None:
         self.comm, self.path = comm, Path(directory) / f"{name}.pvd"
         self.folder = self.path.with_suffix("")
         self.entries: list[tuple[float, str]] = []
+        self.times: list[float | None] = list(frames or ())
         error = None
         try:
             if comm.rank == 0:
-                self._start(resume_time)
+                self._start(resumed=frames is not None)
         except (OSError, CaseError) as failure:
             error = failure
         raise_together(comm, error)
         self.entries = comm.bcast(self.entries, root=0)
 
-    def _start(self, resume_time: float | None) -> None:
-        """Keep what was written up to the time of the checkpoint; remove the files of later times."""
+    def _start(self, *, resumed: bool) -> None:
+        """List the frames up to the checkpoint whose files are there; remove the files of later ones."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        if resume_time is not None and self.path.exists():
-            self.entries = [entry for entry in read_times(self.path) if entry[0] <= resume_time]
-            if not self.path.read_bytes().rstrip().endswith(END):
-                warnings.warn(
-                    f"{self.path} was cut off; it goes on after {len(self.entries)} times", stacklevel=2
-                )
-        elif resume_time is not None and any(self.folder.glob(f"{self.folder.name}_*")):
-            lost = f"{self.path} is missing: without its times the frames in {self.folder.name} are lost"
-            warnings.warn(f"{lost}, the series begins anew", stacklevel=2)
-        kept = {Path(file).stem for _, file in self.entries}
-        for path in self.folder.iterdir():
-            if path.name.startswith(f".{self.folder.name}_") and path.is_file():
-                path.unlink()  # begun by a run that was killed
+        there: dict[int, Path] = {}
+        for path in sorted(self.folder.iterdir()):
+            number = frame_number(path.name.removeprefix("."), self.folder.name)
+            if number is None or not path.is_file():
                 continue
-            stem = path.stem[: len(self.folder.name) + 7]
-            if stem.startswith(f"{self.folder.name}_") and stem not in kept and path.is_file():
-                path.unlink()
+            if path.name.startswith(".") or number >= len(self.times):
+                path.unlink()  # begun by a run that was killed, or of a later time
+            elif path.suffix in LISTED:
+                there[number] = path
+        if resumed:
+            self._restore(there)
         self._save()
+
+    def _restore(self, there: Mapping[int, Path]) -> None:
+        """Make the entries anew from the checkpoint's times and the files; say what the list had lost."""
+        listed = read_times(self.path) if self.path.is_file() else []
+        times = list(enumerate(self.times))
+        for number, t in times:
+            if t is not None and number in there:
+                self.entries.append((t, f"{self.folder.name}/{there[number].name}"))
+        lost = [number for number, t in times if t is not None and number not in there]
+        unknown = [number for number, t in times if t is None and number in there]
+        added = sum(entry not in listed for entry in self.entries)
+        said = []
+        if added:
+            said.append(f"{added} of {len(self.entries)} entries are put in again from the checkpoint")
+        if lost:
+            said.append(f"the files of {_some(lost)} are gone")
+        if unknown:
+            said.append(f"the times of {_some(unknown)} are not known, their files stay")
+        if said:
+            warnings.warn(f"{self.path}: {', '.join(said)}", stacklevel=2)
 
     def stem(self, t: float) -> Path:
         """Return the path, without suffix, of the files of time t; a time that is there is written again."""
-        times = [time for time, _ in self.entries]
-        number = times.index(t) if t in times else len(times)
+        number = self.times.index(t) if t in self.times else len(self.times)
         return self.folder / f"{self.folder.name}_{number:06d}"
 
     def add(self, t: float, path: Path, write: Callable[[Path], None]) -> None:
@@ -322,6 +345,8 @@ class _Index:
         entry, error = (t, f"{self.folder.name}/{path.name}"), None
         if entry not in self.entries:
             self.entries.append(entry)
+        if t not in self.times:
+            self.times.append(t)
         try:
             if self.comm.rank == 0:
                 write(path)
@@ -336,6 +361,12 @@ class _Index:
         for t, file in self.entries:
             ET.SubElement(collection, "DataSet", {"timestep": repr(float(t)), "part": "0", "file": file})
         _replace(self.path, _pretty(root))
+
+
+def _some(numbers: Sequence[int]) -> str:
+    """Return how many frames, and the numbers of the first ones."""
+    first = ", ".join(map(str, numbers[:SHOWN])) + (", ..." if len(numbers) > SHOWN else "")
+    return f"{len(numbers)} frame{'s' * (len(numbers) > 1)} ({first})"
 
 
 def _extent(start: Sequence[int], size: Sequence[int]) -> tuple[int, ...]:

@@ -15,6 +15,7 @@ from valvefsi import fsi
 from valvefsi.errors import CaseError
 from valvefsi.fsi import Model, State
 from valvefsi.io import checkpoint
+from valvefsi.io.series import frames_on_disk
 from valvefsi.run.energy import EnergyMeter
 from valvefsi.run.forces import ForceMeter
 from valvefsi.run.health import Health
@@ -34,6 +35,7 @@ class Memory:
         energy: Balance of energy.
         health: What was warned of.
         recoveries: Returns to an earlier state, see `valvefsi.run.simulation.Outcome`.
+        frames: Times of the frames by number [s], None where a time is not known.
     """
 
     statistics: Statistics
@@ -41,6 +43,7 @@ class Memory:
     energy: EnergyMeter
     health: Health
     recoveries: list[dict[str, object]] = field(default_factory=list)
+    frames: list[float | None] = field(default_factory=list)
 
 
 def memory_of(model: Model, output: Output) -> Memory:
@@ -76,6 +79,7 @@ def save_state(model: Model, state: State, output: Output, memory: Memory, *, fi
     meta["statistics"] = statistics.meta()
     meta["forces"], meta["energy"] = memory.forces.meta(), memory.energy.meta()
     meta["warnings"], meta["recoveries"] = memory.health.report(), memory.recoveries
+    meta["frames"] = memory.frames
     meta["provenance"] = dict(output.provenance)
     folder = output.directory / "checkpoints"
     return checkpoint.save(folder, state.step, fields, rows, meta, grid.comm, keep=output.keep_checkpoints)
@@ -101,6 +105,7 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
     memory.energy.restore(meta.get("energy"))
     memory.health.restore(meta.get("warnings", ()))
     memory.recoveries[:] = meta.get("recoveries", ())
+    memory.frames[:] = _frames_of(meta, output.directory / "paraview", grid.comm)
     arrays = {name: grid.zeros() for name in places}
     for name, place in places.items():
         arrays[name][place] = fields[name]
@@ -121,6 +126,13 @@ def load_state(model: Model, output: Output, memory: Memory) -> State | None:
         **{key: meta[key] for key in ("t", "step", "dt")},
         **_measured(model, meta, points),
     )
+
+
+def _frames_of(meta: dict[str, Any], folder: Path, comm: MPI.Comm) -> list[float | None]:
+    """Return the times of the frames up to a checkpoint; one of an earlier version leaves them to the folder."""
+    if "frames" in meta:
+        return list(meta["frames"])
+    return comm.bcast(frames_on_disk(folder, meta["t"]) if comm.rank == 0 else [])
 
 
 def _rows_of(

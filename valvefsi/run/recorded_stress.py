@@ -11,6 +11,7 @@ from valvefsi.solid.peaks import AT_POINTS, Peaks, columns_of, parts_of
 
 if TYPE_CHECKING:
     from valvefsi.fsi import Model, State
+    from valvefsi.io.series import Frames
     from valvefsi.run.recording import Output
     from valvefsi.solid.stress import Stress
     from valvefsi.solid.structure import Structure
@@ -28,21 +29,22 @@ class StressRecorder:
         model: The model.
         output: What to write, see `valvefsi.run.recording.Output`.
         resume: State that the run goes on from, None for a new run.
+        frames: Times of its frames so far [s].
 
     Note:
         Collective.
     """
 
-    def __init__(self, model: Model, output: Output, resume: State | None) -> None:
+    def __init__(self, model: Model, output: Output, resume: State | None, frames: Frames) -> None:
         self.model, self.asked = model, output.stress
         self.series: list[tuple[int, BodySeries, Stress]] = []
         self.peaks: Peaks | None = None
         folder, comm = output.directory / "paraview", model.grid.comm
-        time = resume.t if resume else None
+        kept = frames if resume else None
         if output.stress:
             for number, body in enumerate(model.bodies):
                 if body.solid is not None:
-                    series = BodySeries(folder, f"{body.name}_stress", comm, resume_time=time)
+                    series = BodySeries(folder, f"{body.name}_stress", comm, frames=kept)
                     self.series.append((number, series, _stress(body.solid)))
         if output.orifice is not None:
             self._open_peaks(output, output.orifice.body, resume)

@@ -235,6 +235,7 @@ class Recorder:
         output: What to write.
         statistics: Averages of the run.
         meters: What it keeps from row to row of its history.
+        frames: Times of the frames of the run so far [s]; those that it writes are added.
         resume: State that the run goes on from, None for a new run.
 
     Note:
@@ -247,9 +248,10 @@ class Recorder:
         output: Output,
         statistics: Statistics,
         meters: Sequence[ForceMeter | EnergyMeter],
+        frames: list[float | None],
         resume: State | None = None,
     ) -> None:
-        self.model, self.output = model, output
+        self.model, self.output, self.frames = model, output, frames
         self.statistics, self.meters = statistics, tuple(meters)
         grid, comm = model.grid, model.grid.comm
         self.probes = [(p, model.bodies[p.body].follow(p.at)) for p in output.probes]
@@ -275,16 +277,16 @@ class Recorder:
             output.directory / "history.csv", columns, comm, resume.step if resume else None
         )
         self.edges = FreeEdges(model, output.orifice, output.directory, resume) if output.orifice else None
-        time = resume.t if resume else None
+        kept = frames if resume else None
         self.fluid_series = None
         if output.frames:
             folder = output.directory / "paraview"
             chosen = self.chosen = chosen_cells(grid, output)
             self.fluid_series = FluidSeries(
-                folder, "fluid", comm, chosen.cells, chosen.start, chosen.size, chosen.box, time
+                folder, "fluid", comm, chosen.cells, chosen.start, chosen.size, chosen.box, kept
             )
-            self.series = [body.series(folder, comm, time) for body in model.bodies]
-            self.stresses = StressRecorder(model, output, resume)
+            self.series = [body.series(folder, comm, kept) for body in model.bodies]
+            self.stresses = StressRecorder(model, output, resume, frames)
 
     def reopen(self, state: State, *, finished: bool) -> None:
         """Begin a history that is lost with the state that a run goes on from, and end one with it. Collective."""
@@ -379,3 +381,5 @@ class Recorder:
         for series, q in zip(self.series, state.bodies, strict=True):
             series.write(state.t, q)
         self.stresses.write(state)
+        if state.t not in self.frames:
+            self.frames.append(state.t)

@@ -123,7 +123,7 @@ class Simulation:
         try:
             memory, before = self.memory, state if resume else None
             meters = (memory.forces, memory.energy)
-            recorder = Recorder(self.model, self.output, memory.statistics, meters, before)
+            recorder = Recorder(self.model, self.output, memory.statistics, meters, memory.frames, before)
             if resume:
                 recorder.reopen(state, finished=self.schedule.finished(state))
             else:

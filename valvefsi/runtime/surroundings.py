@@ -13,6 +13,14 @@ from valvefsi.errors import SurroundingsError
 LAUNCHER = ("PMI_", "PMIX_", "HYDI_", "HYDRA_", "OMPI_COMM_", "OMPI_UNIVERSE", "MPI_LOCAL")
 """Variables by which a launcher of ranks tells a process that it is one."""
 
+RANK_VARIABLES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK", "MPI_RANKID")
+
+
+def launched_rank() -> int:
+    """Return this process' rank without starting MPI, from what the launcher says."""
+    values = (os.environ.get(name, "") for name in RANK_VARIABLES)
+    return next((int(value) for value in values if value.isdigit()), 0)
+
 
 def without_launcher() -> dict[str, str]:
     """Return the variables for a process that is no rank of this one's launch."""
