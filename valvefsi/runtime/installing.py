@@ -1,7 +1,7 @@
 """How to add an optional part to this installation of valvefsi, in one command that works from any folder.
 
-An installation in the environment satisfies ``valvefsi[EXTRA]`` by itself, whether it came from a wheel or an index: pip
-fetches what the extra needs and nothing else. From the sources the extras are those of their ``pyproject.toml``.
+An installation in the environment satisfies ``valvefsi[EXTRA]`` by itself, from a wheel or from an index: pip fetches
+what the extra needs and nothing else. From the sources the extras are those of their ``pyproject.toml``.
 """
 
 from __future__ import annotations
