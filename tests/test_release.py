@@ -41,7 +41,9 @@ def test_the_source_package_holds_what_the_clone_holds(tmp_path):
     assert done.returncode == 0, done.stderr[-2000:]
     held = set((tmp_path / "valvefsi.egg-info" / "SOURCES.txt").read_text(encoding="utf-8").splitlines())
     assert tracked() <= held, sorted(tracked() - held)
-    assert not [name for name in held if "__pycache__" in name or name.startswith(("results/", "docs/generated/"))]
+    assert not [
+        name for name in held if "__pycache__" in name or name.startswith(("results/", "docs/generated/"))
+    ]
 
 
 def test_the_wheel_holds_every_module_and_every_file_that_the_package_opens(tmp_path):
