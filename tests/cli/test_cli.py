@@ -16,15 +16,10 @@ from rich.console import Console
 
 import valvefsi
 from valvefsi import cli
-from valvefsi.bodies.body import Entry
 from valvefsi.case import case_defaults, load_case
-from valvefsi.case.schedule import schedule_of
-from valvefsi.case.target import at_target
 from valvefsi.cli import progress as progress_module
 from valvefsi.cli.closing import show_run
-from valvefsi.cli.new import STARTS
-from valvefsi.cli.run import first_line
-from valvefsi.cli.tables import planned, show_result
+from valvefsi.cli.tables import show_result
 
 RUNNER = typer.testing.CliRunner()
 
@@ -307,40 +302,6 @@ def test_a_sum_of_steps_that_misses_the_end_by_round_off_is_at_the_end():
         progress(1, 0.4, 0.8)
         progress(2, 0.8 * (1 - 1e-12), 0.8)
     assert console.file.getvalue().startswith("100.0 %  t = 0.8 of 0.8 s, step 2, done in ")
-
-
-def test_a_plan_has_one_unit_for_all_steps_and_times_as_people_say_them():
-    entries = [
-        Entry(quantity="time step", value=2.8e-5, unit="s"),
-        Entry(quantity="step limit", value=1.5e-4, unit="s", note="a bound"),
-        Entry(quantity="spacing h", value=0.0416667, unit="cm"),
-        Entry(quantity="expected time", value=5832.6, unit="s", wall=True),
-        Entry(quantity="on 64 ranks", value=174.0, unit="s", wall=True),
-    ]
-    assert planned(entries) == [
-        ("time step", "0.028", "ms", ""),
-        ("step limit", "0.15", "ms", "a bound"),
-        ("spacing h", "0.41667", "mm", ""),
-        ("expected time", "1 h 37 min", "", ""),
-        ("on 64 ranks", "2 min 54 s", "", ""),
-    ]
-    assert planned([Entry(quantity="time step", value=0.00625, unit="s")])[0][1:3] == ("6.25", "ms")
-
-
-@pytest.mark.parametrize(
-    "overrides", [[], ["time.t_end='60.1 ms'"], ["target.beats_per_minute=60", "target.beats=2"]]
-)
-def test_the_first_line_of_a_plan_has_the_numbers_of_its_table(overrides):
-    case = load_case(STARTS / "valve" / "valve.toml", overrides)
-    first = first_line(case, "valve")
-    schedule = schedule_of(at_target(case)[0])
-    entries = [
-        Entry(quantity="spacing h", value=case.grid.spacing, unit="cm"),
-        Entry(quantity="steps", value=schedule.num_steps),
-        Entry(quantity="time step", value=schedule.dt, unit="s"),
-    ]
-    h, steps, dt = (f"{value} {unit}".strip() for _, value, unit, _ in planned(entries))
-    assert f"cells of {h}, {steps} steps or more, of at most {dt}\n" in first
 
 
 @pytest.mark.parametrize(

@@ -80,8 +80,10 @@ def planned(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
 
 def in_plan(value: Scalar, unit: str) -> tuple[str, str]:
     """Return a value and its unit as a plan shows them."""
-    factor, shown = PLAN_UNITS.get(unit, (1.0, unit))
-    return number(value if factor == 1.0 else factor * float(value)), shown
+    if unit not in PLAN_UNITS or not isinstance(value, int | float):
+        return number(value), unit
+    factor, shown = PLAN_UNITS[unit]
+    return number(factor * value), shown
 
 
 def _compared(row: Mapping[str, Any]) -> tuple[str, ...]:
