@@ -58,7 +58,7 @@ def test_what_this_suite_runs_on_is_in_order(name, monkeypatch):
 def test_programs_that_are_not_on_the_path_are_missed(monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    for name, said in (("command", "/nowhere"), ("ffmpeg", "apt-get"), ("MPI", "make setup")):
+    for name, said in (("command", "/nowhere"), ("ffmpeg", "apt-get"), ("MPI", " setup; with Debian")):
         finding = found_by(next(check for check in module.CHECKS if check.name == name))
         assert not finding.good
         assert said in finding.advice
