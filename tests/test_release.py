@@ -15,19 +15,35 @@ import valvefsi
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "valvefsi"
+MANIFEST = "import sys; from setuptools import setup; setup(script_args=['-q', 'egg_info', '--egg-base', sys.argv[1]])"
 BUILD = "import sys; from setuptools import build_meta; print(build_meta.build_wheel(sys.argv[1]))"
 
 pytestmark = pytest.mark.serial
 
 
-def data_files():
-    """What git keeps of the package besides modules, as a wheel names it."""
-    listed = subprocess.run(
-        ["git", "ls-files", "valvefsi"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+def tracked(*folders):
+    """What git keeps, of some folders."""
+    command = ["git", "ls-files", *folders]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if listed.returncode:
         pytest.skip("not in a clone")
-    return {name for name in listed.stdout.splitlines() if not name.endswith(".py")}
+    return {name for name in listed.stdout.splitlines() if (ROOT / name).exists()}
+
+
+def data_files():
+    """What git keeps of the package besides modules, as a wheel names it."""
+    return {name for name in tracked("valvefsi") if not name.endswith(".py")}
+
+
+def test_the_source_package_holds_what_the_clone_holds(tmp_path):
+    command = [sys.executable, "-c", MANIFEST, str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    held = set((tmp_path / "valvefsi.egg-info" / "SOURCES.txt").read_text(encoding="utf-8").splitlines())
+    assert tracked() <= held, sorted(tracked() - held)
+    assert not [
+        name for name in held if "__pycache__" in name or name.startswith(("results/", "docs/generated/"))
+    ]
 
 
 def test_the_wheel_holds_every_module_and_every_file_that_the_package_opens(tmp_path):

@@ -5,6 +5,7 @@ import re
 import tomllib
 from dataclasses import fields
 
+import numpy as np
 import pytest
 
 from valvefsi.case import (
@@ -20,6 +21,8 @@ from valvefsi.case import (
 )
 from valvefsi.case.checks import REACH
 from valvefsi.case.models import SHAPES
+from valvefsi.case.quantities import USUAL_UNITS, Quantity
+from valvefsi.case.target_tables import Target
 from valvefsi.errors import CaseError
 from valvefsi.units import MMHG
 
@@ -59,6 +62,46 @@ def test_a_case_written_as_toml_reads_back_as_the_same_case(file, tmp_path):
     assert to_dict(load_case(again)) == to_dict(case)
     assert to_dict(case)["solid"][0]["nu_stab"] == "off"
     assert to_dict(parse_case(json.loads(json.dumps(to_dict(case))))) == to_dict(case)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("5 l/min", "cm^3/s"),
+        ("0.887 mmHg*s/ml", "dyn*s/cm^5"),
+        ("2.43 ml/mmHg", "cm^5/dyn"),
+        ("0.00131 mmHg*s^2/ml", "dyn*s^2/cm^5"),
+        ("80 mmHg", "dyn/cm^2"),
+        ("1234.57 dyn/cm^2", "dyn/cm^2"),
+        ("4.5 cm", "cm"),
+    ],
+)
+def test_a_quantity_is_written_as_people_write_it(text, unit):
+    assert Quantity(unit).text(Quantity(unit).parse(text)) == text
+
+
+@pytest.mark.parametrize("unit", [*USUAL_UNITS, "cm", "s"])
+def test_every_quantity_reads_back_as_the_same_number(unit):
+    rng, quantity = np.random.default_rng(1), Quantity(unit)
+    values = 10.0 ** rng.uniform(-9, 9, 100)
+    values[::2] = [float(f"{value:.3g}") for value in values[::2]]
+    people = [quantity.parse(f"{value:.4g} {USUAL_UNITS.get(unit, [unit])[0]}") for value in values]
+    for value in (0.0, *values, *-values, *people):
+        assert quantity.parse(quantity.text(float(value))) == value
+
+
+def test_no_default_of_a_case_is_a_long_number():
+    shown = case_defaults()
+    assert not re.findall(r"\d\.\d{7,}", shown)
+    keys = (
+        'cardiac_output = "5 l/min"',
+        'mean_aortic_pressure = "100 mmHg"',
+        'R_p = "0.887 mmHg*s/ml"',
+        "80 mmHg",
+    )
+    for text in keys:
+        assert text in shown
+    assert Quantity("cm^3/s").parse("5 l/min") == Target().cardiac_output
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,9 @@ def test_the_posts_part_of_the_stent_moves_and_all_else_stays(models):
     assert body.oscillator.stiffness == pytest.approx(2e6)
     assert body.oscillator.damping == pytest.approx(2.0 * 0.05 * np.sqrt(2e6 * 0.02))
     whole, stays, moves = rigid.bodies[1], housing, body.wall
+    said = {entry.quantity: entry for entry in body.size(flexible.grid)}["points of posts"]
+    assert (said.value, said.note) == (moves.num_points, "flexible, 3 of them")
+    assert [entry.note for entry in housing.size(flexible.grid)] == ["rigid"]
     assert stays.num_points + moves.num_points == whole.num_points
     np.testing.assert_array_equal(
         np.unique(np.concatenate([stays.points, moves.points]), axis=0), np.unique(whole.points, axis=0)

@@ -16,11 +16,10 @@ from rich.console import Console
 
 import valvefsi
 from valvefsi import cli
-from valvefsi.bodies.body import Entry
 from valvefsi.case import case_defaults, load_case
 from valvefsi.cli import progress as progress_module
 from valvefsi.cli.closing import show_run
-from valvefsi.cli.tables import planned, show_result
+from valvefsi.cli.tables import show_result
 
 RUNNER = typer.testing.CliRunner()
 
@@ -216,6 +215,10 @@ def test_a_run_ends_with_numbers_in_units_and_what_to_do_next(tmp_path, capsys, 
     assert {"warning: too coarse", f"results in {tmp_path}", "pictures: flow.png"} <= set(lines)
     following = lines[lines.index("next:") + 1 :]
     assert following[:2] == [f"valvefsi plot {tmp_path}", f"valvefsi report {tmp_path}"]
+    show_run({"last": {"leaflets_post_1_inward_mm": 0.491}}, Rank(0), tmp_path)
+    assert "leaflets post 1 inward 0.491 mm" in [
+        " ".join(s.split()) for s in capsys.readouterr().out.splitlines()
+    ]
     show_run({"last": LAST}, Rank(1), tmp_path)
     assert capsys.readouterr().out == ""
 
@@ -244,7 +247,7 @@ def test_a_run_that_had_ended_says_so(tmp_path, capsys):
 def test_a_plan_is_shown_and_nothing_is_run(file):
     plan = python(FAKE.format(body="raise RuntimeError"), "run", file, "--plan")
     line = next(line for line in plan.stdout.splitlines() if "step limit" in line)
-    assert line.split() == ["elastic", "step", "limit", "0.0125", "s", "[block]"]
+    assert line.split() == ["elastic", "step", "limit", "12.5", "ms", "[block]"]
     assert plan.stdout.splitlines()[0].startswith(
         "compressed block in a box of fluid: 64 x 64 cells of 6.25 mm"
     )
@@ -299,22 +302,6 @@ def test_a_sum_of_steps_that_misses_the_end_by_round_off_is_at_the_end():
         progress(1, 0.4, 0.8)
         progress(2, 0.8 * (1 - 1e-12), 0.8)
     assert console.file.getvalue().startswith("100.0 %  t = 0.8 of 0.8 s, step 2, done in ")
-
-
-def test_a_plan_has_one_unit_for_all_steps_and_times_as_people_say_them():
-    entries = [
-        Entry(quantity="time step", value=2.8e-5, unit="s"),
-        Entry(quantity="step limit", value=1.5e-4, unit="s", note="a bound"),
-        Entry(quantity="expected time", value=5832.6, unit="s", wall=True),
-        Entry(quantity="on 64 ranks", value=174.0, unit="s", wall=True),
-    ]
-    assert planned(entries) == [
-        ("time step", "28", "us", ""),
-        ("step limit", "150", "us", "a bound"),
-        ("expected time", "1 h 37 min", "", ""),
-        ("on 64 ranks", "2 min 54 s", "", ""),
-    ]
-    assert planned([Entry(quantity="time step", value=0.00625, unit="s")])[0][1:3] == ("6.25", "ms")
 
 
 @pytest.mark.parametrize(

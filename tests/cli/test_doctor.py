@@ -58,7 +58,7 @@ def test_what_this_suite_runs_on_is_in_order(name, monkeypatch):
 def test_programs_that_are_not_on_the_path_are_missed(monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    for name, said in (("command", "/nowhere"), ("ffmpeg", "apt-get"), ("MPI", "make setup")):
+    for name, said in (("command", "/nowhere"), ("ffmpeg", "apt-get"), ("MPI", " setup; with Debian")):
         finding = found_by(next(check for check in module.CHECKS if check.name == name))
         assert not finding.good
         assert said in finding.advice
@@ -71,5 +71,11 @@ def test_completion_is_installed_and_completes(tmp_path):
     assert made.returncode == 0, made.stderr
     text = (Path(tmp_path) / ".bash_completions" / "valvefsi.sh").read_text()
     assert "_VALVEFSI_COMPLETE=complete_bash" in text
-    asked = own | {"_VALVEFSI_COMPLETE": "complete_bash", "COMP_WORDS": "valvefsi do", "COMP_CWORD": "1"}
-    assert subprocess.run(command, env=asked, capture_output=True, text=True).stdout.split() == ["doctor"]
+    for typed, position, word in (("do", "1", "doctor"), ("new be", "2", "beam")):
+        asked = {
+            "_VALVEFSI_COMPLETE": "complete_bash",
+            "COMP_WORDS": f"valvefsi {typed}",
+            "COMP_CWORD": position,
+        }
+        done = subprocess.run(command, env=own | asked, capture_output=True, text=True)
+        assert done.stdout.split() == [word]

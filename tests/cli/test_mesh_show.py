@@ -10,6 +10,7 @@ from matplotlib.image import imread
 from typer.testing import CliRunner
 
 from valvefsi.cli import app
+from valvefsi.cli.mesh_pictures import edges_say
 
 pytestmark = pytest.mark.serial
 ROOT = Path(__file__).parents[2]
@@ -34,8 +35,22 @@ def test_an_import_draws_tags_and_says_which_is_where(tmp_path):
     assert "surface_3" in said
     assert "7.5, 2.5, 3   0.00, -1.00, 0.00   flat" in said
     assert "scaled Jacobian" in said
+    assert "area [mm^2]" in said  # a heading's unit is no markup
+    assert "extent  15 x 5 x 6 mm" in said
     assert colours(tmp_path / "flap_tags.png") >= 6
     assert (tmp_path / "flap_thickness.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("edges", "verdict"),
+    [
+        ([0.8, 1.2, 1.9], "even"),
+        ([0.35, 0.87, 1.98], "5.7 to 1"),
+        ([0.1, 0.87, 1.98], "20 to 1: the smallest edge limits the time step"),
+    ],
+)
+def test_edges_are_even_where_they_are(edges, verdict):
+    assert edges_say(np.array(edges)) == verdict
 
 
 def test_a_mesh_in_the_plane_is_shown(tmp_path):

@@ -233,6 +233,10 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
     (tmp_path / "picture.csv").write_bytes(b"\x89PNG\xff\xfe\x00")
     with pytest.raises(CaseError, match="not a text file"):
         read_biaxial(tmp_path / "picture.csv")
+    for encoding, said in (("utf-16", "it is in UTF-16"), ("latin-1", "it may be in another encoding")):
+        (tmp_path / "record.csv").write_bytes("µ,stretch1\n1,1\n".encode(encoding))
+        with pytest.raises(CaseError, match=f"not a text file in UTF-8; {said}: save it as CSV in UTF-8"):
+            read_biaxial(tmp_path / "record.csv")
     with pytest.raises(CaseError, match="no file given"):
         read_biaxial([])
 

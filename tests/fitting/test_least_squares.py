@@ -198,6 +198,27 @@ def test_a_parameter_at_its_bound_is_put_on_it_and_said_to_be_there():
     assert said["b"] == "at bound (lower)"
 
 
+@pytest.mark.parametrize(
+    ("angle", "verdict"), [(0.0, "at bound (lower)"), (90.0, "at bound (upper)"), (40.0, "identified")]
+)
+@pytest.mark.parametrize("upper", [90.0, 180.0])
+def test_an_angle_at_the_end_of_a_range_cut_by_symmetry_is_at_a_bound(angle, verdict, upper):
+    t = np.linspace(-1, 1, 41)
+
+    def model(v):
+        return v[1] * (t + t**3 * np.cos(np.radians(v[0])) ** 2)
+
+    parameters = (
+        Parameter(name="angle", unit="deg", lower=0, upper=upper, start=(30, 60), period=180),
+        Parameter(name="size", lower=0.5, upper=2.0),
+    )
+    truth = model((40.0, 1.1)) + 1e-3 * np.random.default_rng(0).standard_normal(41)
+    found = fit(Problem(parameters=parameters, data=truth, model=model), starts=2)
+    linear = uncertainty.linearised(found)
+    said = uncertainty.verdicts(replace(found, values=np.array([angle, 1.1])), linear)["angle"]
+    assert (said == verdict) == (upper == 90.0 or angle == 40.0)
+
+
 def test_a_held_parameter_keeps_its_value_and_the_others_are_fitted():
     problem = decay(noise=0.01).with_constant("rate", 3.0)
     found = fit(problem, starts=2)

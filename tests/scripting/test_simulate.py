@@ -142,9 +142,9 @@ def test_a_history_becomes_a_table_of_pandas(done):
 def test_what_is_not_installed_is_said(done, monkeypatch):
     for name in ("pandas", "pyvista"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(valvefsi.ValvefsiError, match="pip install pandas"):
+    with pytest.raises(valvefsi.ValvefsiError, match=r"pip install pandas$"):
         done.history.to_pandas()
-    with pytest.raises(valvefsi.ValvefsiError, match=r"pip install 'valvefsi\[plot\]'"):
+    with pytest.raises(valvefsi.ValvefsiError, match=r"pip install .*\[plot\]"):
         done.fields(0.0)
 
 

@@ -101,5 +101,5 @@ def test_it_says_what_to_install_without_the_library(monkeypatch):
         return real(name, *args, **options)
 
     monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(SurroundingsError, match=r"pip install 'valvefsi\[uncertainty\]'"):
+    with pytest.raises(SurroundingsError, match=r"pip install .*\[uncertainty\]"):
         saltelli_design(THREE, 8, 0)

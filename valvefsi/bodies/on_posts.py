@@ -252,7 +252,9 @@ class OnPosts(BodyBase):
 
     def size(self, grid: MacGrid) -> list[Entry]:
         """Return the lines of a plan about its points (collective)."""
-        return [*self.leaflets.size(grid), *self.wall.size(grid)]
+        note = f"flexible, {self.count} of them" if self.count > 1 else "flexible"
+        posts = Entry(quantity=f"points of {self.wall.name}", value=self.wall.num_points, note=note)
+        return [*self.leaflets.size(grid), posts]
 
     def memory(self) -> int:
         """Return the bytes that a step takes for it on this rank."""

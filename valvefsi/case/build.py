@@ -6,7 +6,6 @@ import contextlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -24,6 +23,7 @@ from valvefsi.case.origins import write_provenance
 from valvefsi.case.plan_warnings import plan_warnings
 from valvefsi.case.reading import load_case
 from valvefsi.case.resuming import check_shapes, check_start, clear, provenance_of, run_folder, shown_pair
+from valvefsi.case.schedule import schedule_of
 from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
 from valvefsi.case.target import at_target, plan_target, target_numbers
 from valvefsi.case.valve import check_leaflets, find_orifice
@@ -48,7 +48,7 @@ from valvefsi.run.pictures import ENDED
 from valvefsi.run.planning import plan
 from valvefsi.run.recording import Output, Probe
 from valvefsi.run.regridding import regridded
-from valvefsi.run.schedule import AdaptiveSchedule, Schedule, check_end
+from valvefsi.run.schedule import check_end
 from valvefsi.run.simulation import Simulation
 from valvefsi.run.statistics import Line
 from valvefsi.solid.elements.element_points import ElementPoints
@@ -89,7 +89,7 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD, changes: Chang
     circulation = build_circulation(case)
     bodies = (*elastic, *rigid)
     model = Model(grid=grid, fluid=fluid, bodies=bodies, circulation=circulation)
-    return Simulation(model, _schedule(case), _output(case, out, grid, changes, meshes))
+    return Simulation(model, schedule_of(case), _output(case, out, grid, changes, meshes))
 
 
 def _coupling(fluid: NavierStokes, given: Solid, solid: Structure) -> Coupling | ElementalCoupling:
@@ -114,13 +114,6 @@ def _slip(given: Solid, solid: Structure) -> Slip | None:
         return None
     law = UnresolvedSlip if given.seepage == "unresolved" else DarcySlip
     return law(given.permeability, solid.weights[:, None])
-
-
-def _schedule(case: Case) -> Schedule | AdaptiveSchedule:
-    limits: dict[str, Any] = {"dt": case.dt, "t_end": case.time.t_end, "cfl_max": case.time.cfl_max}
-    if case.time.control == "fixed":
-        return Schedule(**limits)
-    return AdaptiveSchedule(**limits, cfl=case.time.cfl, max_recoveries=case.time.max_recoveries)
 
 
 def write_case(case: Case, out: Path, comm: MPI.Comm, changes: Changes = ()) -> None:

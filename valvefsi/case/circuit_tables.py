@@ -143,7 +143,7 @@ class CircuitTable(Table):
 
     def unit(self, key: str) -> str | None:
         """Return the unit of a parameter."""
-        return None if key in type(self).model_fields else UNITS[key[0]]
+        return super().unit(key) if key in type(self).model_fields else UNITS[key[0]]
 
     def build(self) -> BuiltCircuit:
         """Return the circuit as a simulation steps it."""

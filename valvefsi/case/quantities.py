@@ -38,6 +38,16 @@ COMMON_UNITS = (
     "P",
     "cP",
 )
+USUAL_UNITS = {
+    "cm^3/s": ("l/min",),
+    "dyn/cm^2": ("mmHg", "kPa"),
+    "dyn*s/cm^5": ("mmHg*s/ml",),
+    "dyn*s^2/cm^5": ("mmHg*s^2/ml",),
+    "cm^5/dyn": ("ml/mmHg",),
+}
+"""What people measure in, where it is not what is kept."""
+DIGITS = 6
+"""Digits of a short number."""
 UNIT = re.compile(r"(?>[^\W\d]\w*+(?:\s*(?:\^|\*\*)\s*-?\d)?+|1(?=\s*/)|[\s()/%-]|\*(?!\*))++")
 """Names with one exponent of one digit each, times, over and parentheses: what a library may evaluate."""
 LONGEST = 60
@@ -84,7 +94,17 @@ class Quantity:
         return number
 
     def text(self, value: float) -> str:
-        """Return the number with its unit, so that it reads back exactly."""
+        """Return the number with its unit, so that it reads back exactly.
+
+        A number that is long in ``unit`` is written in a unit that people use, where it is a short one there.
+        """
+        short = f"{value:g}"
+        if float(short) == value:
+            return f"{short} {self.unit}"
+        for unit in USUAL_UNITS.get(self.unit, ()):
+            text = f"{value / self._convert(1.0, unit):.{DIGITS}g} {unit}"
+            if self.parse(text) == value:
+                return text
         return f"{value!r} {self.unit}"
 
     def text_in(self, value: float, like: object, digits: int) -> str:

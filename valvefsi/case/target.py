@@ -24,6 +24,7 @@ from valvefsi.bodies.body import Entry
 from valvefsi.case.circuit_tables import CircuitTable
 from valvefsi.case.circulation import build_circulation, connected
 from valvefsi.case.models import Case
+from valvefsi.case.schedule import end_of
 from valvefsi.case.target_tables import Target
 from valvefsi.case.valve import find_valve
 from valvefsi.circulation.linear import CircuitState, LinearSystem
@@ -359,6 +360,5 @@ def _with(case: Case, chosen: Chosen) -> Case:
             new = {RESISTANCE: chosen.resistance, "target_pressure": case.target.mean_aortic_pressure}
             circuit = circuit.model_copy(update={**new, "start": dict(start)})
         circuits.append(circuit)
-    t_end = max(case.time.t_end, case.target.beats * chosen.period)
-    time = case.time.model_copy(update={"t_end": t_end})
+    time = case.time.model_copy(update={"t_end": end_of(case)})
     return case.model_copy(update={"circuit": tuple(circuits), "time": time})

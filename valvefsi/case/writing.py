@@ -7,10 +7,11 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from valvefsi.case.circuit_tables import CircuitTable
+from valvefsi.case.circuit_tables import UNITS, CircuitTable
 from valvefsi.case.fluid_tables import SIDES
 from valvefsi.case.material_tables import Material
 from valvefsi.case.models import Case
+from valvefsi.case.quantities import Quantity
 from valvefsi.case.table import Table
 from valvefsi.types import Unchecked
 
@@ -131,6 +132,8 @@ def _line(table: Table, key: str, field: FieldInfo, value: Unchecked) -> str:
         return 'nu_stab = "off"'
     if value is None:
         return f"# {key} = {_text((field.examples or [''])[0], None)}"
+    if isinstance(table, CircuitTable) and key == "start":
+        value = {name: Quantity(UNITS[name[0]]).text(x) for name, x in table.start.items()}
     return f"{key} = {_text(value, table.unit(key))}"
 
 
@@ -152,6 +155,5 @@ def _text(value: Unchecked, unit: str | None) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(_text(item, unit) for item in value)}]"
     if unit is not None and isinstance(value, float):
-        short = f"{value:g}"
-        return json.dumps(f"{short if float(short) == value else repr(value)} {unit}")
+        return json.dumps(Quantity(unit).text(value))
     return json.dumps(value)

@@ -17,6 +17,7 @@ from pathlib import Path
 import typer
 
 from valvefsi.errors import SurroundingsError
+from valvefsi.runtime.installing import how_to_add, how_to_set_up, source_tree
 
 PATIENCE = 120.0
 """Longest time that another process may take [s]."""
@@ -75,7 +76,7 @@ class Check:
     name: str
     look: Callable[[], Finding]
     needed: bool = True
-    advice: str = "make setup"
+    advice: str = how_to_set_up()
 
 
 def _python() -> Finding:
@@ -106,7 +107,9 @@ def _two_ranks() -> Finding:
     program = str(beside) if beside.exists() else shutil.which("mpirun")
     if program is None:
         return Finding(
-            good=False, text="no mpirun", advice="make setup; on Debian: apt-get install openmpi-bin"
+            good=False,
+            text="no mpirun",
+            advice=f"{how_to_set_up()}; with Debian's own DOLFINx apt-get install openmpi-bin",
         )
     ranks = ("PMI", "OMPI_", "PMIX", "HYDRA", "MPI")
     own = {k: v for k, v in os.environ.items() if not k.startswith(ranks)}
@@ -118,7 +121,7 @@ def _two_ranks() -> Finding:
         check=False,
         env=own,
     )
-    advice = f"{program} belongs to another MPI than mpi4py; use the one of .venv/bin"
+    advice = f"{program} belongs to another MPI than mpi4py; use the one beside {sys.executable}"
     return Finding(
         good=done.stdout.strip() == "2", text=f"two ranks see each other ({program})", advice=advice
     )
@@ -198,7 +201,7 @@ def _pictures() -> Finding:
     from valvefsi.post.plots.solid import can_render
 
     advice = (
-        "pip install '.[plot]' and, on Debian, apt-get install libegl1; until then matplotlib draws bodies"
+        f"{how_to_add('plot')} and, on Debian, apt-get install libegl1; until then matplotlib draws bodies"
     )
     good = can_render()
     return Finding(
@@ -207,10 +210,12 @@ def _pictures() -> Finding:
 
 
 def _ffmpeg() -> Finding:
-    from valvefsi.post.movies import GET_FFMPEG, find_ffmpeg
+    from valvefsi.post.movies import find_ffmpeg
 
     where = find_ffmpeg()
-    advice = f"movies are .gif without it; {GET_FFMPEG}, on Debian apt-get install ffmpeg"
+    advice = (
+        f"movies are .gif without it; {how_to_add('movies')} brings one, on Debian apt-get install ffmpeg"
+    )
     return Finding(good=where is not None, text=where or "not here, no .mp4", advice=advice)
 
 
@@ -220,13 +225,22 @@ def _path() -> Finding:
     return Finding(good=where is not None, text=where or "valvefsi is not on PATH", advice=advice)
 
 
-COMPILER = "make setup names the missing packages, a C compiler or shared libraries"
+LIBRARIES = (
+    "gcc libc6-dev python3-dev libglu1-mesa libgl1 libxft2 libxcursor1 libxinerama1 libxrender1 libxfixes3 "
+    "libfontconfig1 libgomp1"
+)
+"""What compiled forms and gmsh's wheel need of Debian."""
+COMPILER = (
+    f"{how_to_set_up()} names the packages that are missing, a C compiler or shared libraries"
+    if source_tree()
+    else f"a C compiler, Python's header files and gmsh's libraries; on Debian apt-get install {LIBRARIES}"
+)
 CHECKS = (
     Check(name="Python", look=_python),
     Check(name="machine", look=_machine, needed=False),
     Check(name="command", look=_path, needed=False),
     Check(name="start", look=_start, needed=False),
-    Check(name="DOLFINx", look=_dolfinx, advice="pip install 'valvefsi[dolfinx]', see docs/install.md"),
+    Check(name="DOLFINx", look=_dolfinx, advice=how_to_add("dolfinx")),
     Check(name="MPI", look=_two_ranks, needed=False),
     Check(name="gmsh", look=_meshes, advice=COMPILER),
     Check(name="coupled run", look=_run, advice=COMPILER),

@@ -5,16 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from valvefsi.cli.mesh_show import show
 from valvefsi.cli.options import HELP, not_a_folder, plain
 from valvefsi.errors import CaseError
-
-if TYPE_CHECKING:
-    from valvefsi.types import Scalar
 
 mesh = typer.Typer(help="Make meshes, and look at them.", **HELP)
 
@@ -74,7 +71,10 @@ def import_(
         Path, typer.Argument(metavar="FILE", help="Closed surface or volume mesh: .stl, .vtu, .msh ...")
     ],
     unit: Annotated[str, typer.Option(help="Length of the file's unit.")] = "1mm",
-    size: Annotated[str | None, typer.Option(help="Largest edge of the tetrahedra in a surface.")] = None,
+    size: Annotated[
+        str | None,
+        typer.Option(help="Edge aimed at for the tetrahedra in a surface; some are up to twice as long."),
+    ] = None,
     angle: Annotated[
         float, typer.Option(min=1.0, max=179.0, help=plain("Turn of the normal at which patches part [deg]."))
     ] = 40.0,
@@ -92,22 +92,15 @@ def import_(
     from valvefsi.io.folder import replacing
 
     _check_name(out)
-    largest = None if size is None else _length("--size", size)
+    edge = None if size is None else _length("--size", size)
     with replacing(out) as temporary:
-        numbers = import_mesh(file, temporary, scale=_length("--unit", unit), size=largest, angle=angle)
-    for name, value in numbers.items():
-        if name in ("volume_cm3", "extent_cm"):
-            shown = ", ".join(map(_short, value)) if isinstance(value, list) else _short(value)
-            typer.echo(f"{name:12s} {shown}")
+        numbers = import_mesh(file, temporary, scale=_length("--unit", unit), size=edge, angle=angle)
+    typer.echo(f"volume  {1e3 * numbers['volume_cm3']:.5g} mm^3")
+    typer.echo(f"extent  {' x '.join(f'{10.0 * length:.5g}' for length in numbers['extent_cm'])} mm")
     from valvefsi.cli.mesh_pictures import show_mesh
 
     made = show_mesh(out.stem, read_mesh(out, MPI.COMM_SELF), out.parent)
     typer.echo("\n".join(f"written: {path}" for path in (out, *made)))
-
-
-def _short(value: Scalar) -> str:
-    """Return a number in few digits, without what round-off leaves of a zero."""
-    return f"{round(value, 9) + 0.0:.5g}" if isinstance(value, float) else str(value)
 
 
 def _sizes(numbers: dict[str, float]) -> str:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from valvefsi.geometry.mesh import SolidMesh
     from valvefsi.types import Array
 
+EVEN, LIMITS = 3.0, 10.0
+"""Largest edge over the smallest up to which edges are even, and above which the smallest limits the time step."""
 FLAT = 0.999
 """Length of the summed area vectors over the area, above which a tag's facets lie in a plane."""
 
@@ -49,7 +51,7 @@ def _quality(name: str, mesh: SolidMesh, groups: Mapping[str, Array], thickness:
     rows = [
         ("cells", f"{found.cells} ({kind})", ""),
         ("nodes", f"{found.nodes}", ""),
-        ("edges: least, median, largest [mm]", " ".join(f"{x:.3g}" for x in edges), _edges_say(edges)),
+        ("edges: least, median, largest [mm]", " ".join(f"{x:.3g}" for x in edges), edges_say(edges)),
         (
             "scaled Jacobian: least, median",
             f"{found.scaled.min():.2f} {np.median(found.scaled):.2f}",
@@ -81,10 +83,12 @@ def _quality(name: str, mesh: SolidMesh, groups: Mapping[str, Array], thickness:
     print_lines(page, [f"tags of cells: {', '.join(cells) or 'none'}"])
 
 
-def _edges_say(edges: Array) -> str:
+def edges_say(edges: Array) -> str:
     """Say what edges of very different lengths mean."""
     ratio = edges[2] / edges[0]
-    return "even" if ratio <= 10 else f"{ratio:.0f} to 1: the smallest edge limits the time step"
+    if ratio <= EVEN:
+        return "even"
+    return f"{ratio:.2g} to 1" + (": the smallest edge limits the time step" if ratio > LIMITS else "")
 
 
 def _layers_say(kind: str, edge: float, thickness: float) -> str:

@@ -25,8 +25,16 @@ NEXT = {
 """What there is to start from, and the commands to go on with in the new folder."""
 
 
+def _starting_with(incomplete: str) -> list[str]:
+    """Return what the Tab key completes a name to."""
+    return [name for name in NEXT if name.startswith(incomplete)]
+
+
 def new(
-    what: Annotated[str, typer.Argument(metavar="WHAT", help="One of the names above.")],
+    what: Annotated[
+        str,
+        typer.Argument(metavar="WHAT", help="One of the names above.", autocompletion=_starting_with),
+    ],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to, made if need be.")],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
 ) -> None:

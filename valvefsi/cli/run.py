@@ -14,7 +14,7 @@ from valvefsi.cli.closing import show_run
 from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import AllowChange, CaseFile, Out, Overwrite, Plan, Resume, Set, Trust
 from valvefsi.cli.progress import Progress
-from valvefsi.cli.tables import show_result
+from valvefsi.cli.tables import in_plan, show_result
 from valvefsi.cli.watch import served
 from valvefsi.errors import CaseError
 
@@ -51,7 +51,7 @@ def run(options: RunCommand) -> None:
     loaded, comm = load_case(options.case, options.overrides or [], trust=options.trust), MPI.COMM_WORLD
     name = options.case.stem
     if comm.rank == 0:
-        typer.echo(_first_line(loaded, name))
+        typer.echo(first_line(loaded, name))
         sys.stdout.flush()
     from valvefsi.case.build import run_case
     from valvefsi.case.target import beat_period
@@ -81,13 +81,16 @@ def _plan(case: Case, comm: MPI.Comm, folder: Path) -> dict[str, Any]:
     return result
 
 
-def _first_line(case: Case, name: str) -> str:
+def first_line(case: Case, name: str) -> str:
     """Say how large a case is, before what takes longer: the first run of a kind compiles its loops and forms."""
-    cells = " x ".join(str(len(edges) - 1) for edges in case.grid.edges)
-    steps = max(1, round(case.time.t_end / case.dt))
+    from valvefsi.case.schedule import schedule_of
+
+    cells, schedule = " x ".join(str(len(edges) - 1) for edges in case.grid.edges), schedule_of(case)
+    h, dt = (" ".join(in_plan(*pair)) for pair in ((case.grid.spacing, "cm"), (schedule.dt, "s")))
+    of = "or more, of at most" if case.time.control == "adaptive" else "of"
     return (
-        f"{case.title or name}: {cells} cells of {10.0 * case.grid.spacing:.4g} mm, {steps} steps of "
-        f"{1e3 * case.dt:.4g} ms\nbuilding it; the first time this takes a minute ..."
+        f"{case.title or name}: {cells} cells of {h}, {schedule.num_steps} steps {of} {dt}\n"
+        "building it; the first time this takes a minute ..."
     )
 
 

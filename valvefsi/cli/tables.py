@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from valvefsi.types import Scalar
 
 WIDE = 120
-STEP_UNITS = ((1.0, "s"), (1e3, "ms"), (1e6, "us"))
-"""In which the steps of a plan are shown: the first in which the step is one or more."""
+PLAN_UNITS = {"s": (1e3, "ms"), "cm": (10.0, "mm")}
+"""In which a plan shows steps, whatever takes time within one, and lengths: factor and unit."""
 
 
 def show_result(result: Mapping[str, Any], comm: MPI.Comm, folder: Path | None = None) -> None:
@@ -68,18 +68,22 @@ def print_lines(console: Console, lines: Sequence[str]) -> None:
 
 
 def planned(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
-    """Return the lines of a plan: wall-clock times as people say them, all steps and their limits in one unit."""
-    step = next((float(e.value) for e in entries if e.quantity == "time step"), 1.0)
-    factor, unit = next(pair for pair in STEP_UNITS if step * pair[0] >= 1.0 or pair[1] == "us")
+    """Return the lines of a plan: the wall-clock time of a run as people say it, one unit for each other quantity."""
     rows: list[tuple[str, ...]] = []
     for entry in entries:
         value, shown = entry.value, entry.unit
         if entry.wall:
             value, shown = format_time(float(value)), ""
-        elif shown == "s":
-            value, shown = factor * float(value), unit
-        rows.append((entry.quantity, number(value), shown, entry.note))
+        rows.append((entry.quantity, *in_plan(value, shown), entry.note))
     return rows
+
+
+def in_plan(value: Scalar, unit: str) -> tuple[str, str]:
+    """Return a value and its unit as a plan shows them."""
+    if unit not in PLAN_UNITS or not isinstance(value, int | float):
+        return number(value), unit
+    factor, shown = PLAN_UNITS[unit]
+    return number(factor * value), shown
 
 
 def _compared(row: Mapping[str, Any]) -> tuple[str, ...]:
@@ -93,14 +97,14 @@ def _compared(row: Mapping[str, Any]) -> tuple[str, ...]:
 def print_table(
     console: Console, title: str, columns: Mapping[str, str], rows: Sequence[tuple[str, ...]]
 ) -> None:
-    """Print a table; ``columns`` gives the side that each heading's cells lean to."""
+    """Print a table, all its text as it is; ``columns`` gives the side that each heading's cells lean to."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=Text(title, style="table.title"), title_justify="left", box=box.SIMPLE_HEAD)
     for heading, side in columns.items():
-        table.add_column(heading, justify=cast(Any, side))
+        table.add_column(Text(heading), justify=cast(Any, side))
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     console.print(table)

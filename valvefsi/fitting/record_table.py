@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import re
 from collections.abc import Iterable, Mapping
@@ -105,10 +106,17 @@ def read_table(path: Path, decimal: str = ".") -> Table:
         CaseError: It cannot be read, has no rows, a row of another length, or two columns of one name.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        content = path.read_bytes()
+        text = content.decode("utf-8-sig")
+    except OSError as error:
+        raise CaseError(f"cannot read this file: {error.strerror}", file=path) from None
+    except UnicodeDecodeError:  # a ValueError, too
+        is_utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        found = "it is in UTF-16" if is_utf16 else "it may be in another encoding"
+        reason = f"not a text file in UTF-8; {found}: save it as CSV in UTF-8"
         raise CaseError(f"cannot read this file: {reason}", file=path) from None
+    except ValueError as error:  # of the name
+        raise CaseError(f"cannot read this file: {error}", file=path) from None
     if "\0" in text:
         raise CaseError("cannot read this file: not a text file", file=path)
     lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.split("#")[0].strip()]

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from valvefsi.fitting.least_squares import Fit, Notify, solve
+from valvefsi.fitting.least_squares import CLOSE, Fit, Notify, solve
+from valvefsi.fitting.problem import Parameter
 from valvefsi.fitting.profiles import LEVEL, RESAMPLED, Profile
 from valvefsi.types import Array, Indices
 
@@ -153,6 +154,7 @@ def verdicts(
         reference = min(abs(value), parameter.width) if parameter.period is None else parameter.period / 2
         low, high = own.interval if own else linear.intervals[k]
         wide = not max(high - value, value - low) <= WEAK * max(reference, 1e-300)
+        bound = bound or _folded_to(parameter, value)
         if bound is not None:
             verdicts[parameter.name] = f"at bound ({bound})"
         elif loose or (all(open_ends) and parameter.period is None):
@@ -162,6 +164,17 @@ def verdicts(
         else:
             verdicts[parameter.name] = f"doubtful: {doubt}" if doubt else "identified"
     return verdicts
+
+
+def _folded_to(parameter: Parameter, value: float) -> str | None:
+    """Return the end of a range at which an angle lies, where symmetry has cut the range below a period."""
+    span = parameter.upper - parameter.lower
+    if parameter.period is None or span >= parameter.period:
+        return None
+    close = CLOSE * span
+    return (
+        "lower" if value - parameter.lower <= close else "upper" if parameter.upper - value <= close else None
+    )
 
 
 def correlation_length(residual: Array, series: Indices | None = None) -> float:

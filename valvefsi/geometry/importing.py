@@ -46,7 +46,8 @@ def import_mesh(
         path: Closed surface (.stl, or triangles) or volume mesh (.msh, .vtu, .vtk, .xdmf).
         out: The gmsh file to write, .msh.
         scale: Length of the file's unit [cm].
-        size: Largest edge of the tetrahedra that fill a surface, as the surface's triangles if left out [cm].
+        size: Edge aimed at for the tetrahedra that fill a surface, as the surface's triangles if left out [cm]. gmsh
+            makes some edges longer, up to about twice as long.
         angle: Turn of the normal at which patches part [deg].
 
     Returns:

@@ -17,6 +17,7 @@ COLUMNS = {
     "cm3": ("cm^3", 1.0, "ml"),
     "dyn": ("dyn", 1e-2, "mN"),
     "erg": ("erg", 1e-4, "mJ"),
+    "mm": ("mm", 1.0, "mm"),
     "cm": ("cm", 10.0, "mm"),
     "mm": ("mm", 1.0, "mm"),
     "kPa": ("kPa", 1.0, "kPa"),

@@ -17,12 +17,11 @@ from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import Body, read_body
 from valvefsi.post.plots.slice import draw_slice, palette
 from valvefsi.post.slices import Plane, cut, outline, scale_of
+from valvefsi.runtime.installing import how_to_add
 from valvefsi.types import Array
 
 SERIES = {"mean": "averages", "turbulence": "averages"}
 """Series of the fields whose names begin so; the others are in that of the fluid."""
-GET_FFMPEG = "pip install 'valvefsi[movies]' brings one"
-"""How to come by ffmpeg without a system's packages."""
 
 
 def series_of(folder: Path, name: str) -> Path:
@@ -89,7 +88,9 @@ def draw_movie(
     if path.suffix not in (".mp4", ".gif"):
         raise CaseError("expected a name that ends in .mp4 or .gif", key="--out", value=str(path))
     if path.suffix == ".mp4" and find_ffmpeg() is None:
-        message = f"an .mp4 needs ffmpeg, which is not here ({GET_FFMPEG}); a .gif does not"
+        message = (
+            f"an .mp4 needs ffmpeg, which is not here ({how_to_add('movies')} brings one); a .gif does not"
+        )
         raise CaseError(message, key="--out", value=str(path))
     times = times_of(series_of(folder, field))
     limits = _limits(times, plane, field)

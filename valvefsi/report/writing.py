@@ -13,6 +13,7 @@ from typing import Any
 from valvefsi.errors import SurroundingsError
 from valvefsi.io.folder import write_text
 from valvefsi.report.blocks import Page, Text, View, is_numeric
+from valvefsi.runtime.installing import how_to_add
 
 NEEDED = ("jinja2", "plotly")
 LARGEST = 25_000_000
@@ -27,9 +28,7 @@ def check_libraries() -> None:
     """
     absent = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if absent:
-        raise SurroundingsError(
-            f"a report needs {' and '.join(absent)}: pip install 'valvefsi[report]', or make setup"
-        )
+        raise SurroundingsError(f"a report needs {' and '.join(absent)}: {how_to_add('report')}")
 
 
 def write_page(page: Page, path: Path) -> int:

@@ -28,6 +28,7 @@ from valvefsi.bodies.body import Entry
 from valvefsi.fluid.navier_stokes import ExplicitViscosity
 from valvefsi.fsi import Model
 from valvefsi.run.disk import disk_free, disk_needed
+from valvefsi.run.schedule import AdaptiveSchedule, Schedule
 from valvefsi.run.simulation import Simulation, timed
 from valvefsi.run.stable_step import measured_limit
 
@@ -46,7 +47,7 @@ def plan(simulation: Simulation) -> list[Entry]:
     model, schedule = simulation.model, simulation.schedule
     held = [entry for body in model.bodies for entry in body.statics(schedule.dt)]
     return [
-        *_size(model, schedule.num_steps),
+        *_size(model, schedule),
         _disk(simulation),
         *_limits(simulation),
         *held,
@@ -54,13 +55,14 @@ def plan(simulation: Simulation) -> list[Entry]:
     ]
 
 
-def _size(model: Model, steps: int) -> list[Entry]:
+def _size(model: Model, schedule: Schedule | AdaptiveSchedule) -> list[Entry]:
     grid = model.grid
     cells = " x ".join(str(n) for n in grid.cells[: grid.dim])
+    note = "or more, where the time step is shorter" if isinstance(schedule, AdaptiveSchedule) else ""
     entries = [
         Entry(quantity="cells", value=math.prod(grid.cells), note=cells),
         Entry(quantity="spacing h", value=float(grid.spacing[0]), unit="cm"),
-        Entry(quantity="steps", value=steps),
+        Entry(quantity="steps", value=schedule.num_steps, note=note),
         Entry(quantity="ranks", value=grid.comm.size),
     ]
     for body in model.bodies:
@@ -161,8 +163,8 @@ def _cost(simulation: Simulation) -> list[Entry]:
     return [
         Entry(
             quantity="time of a step",
-            value=1e3 * each,
-            unit="ms",
+            value=each,
+            unit="s",
             note=f"median of {TRIAL_STEPS - 1} trial steps",
         ),
         Entry(

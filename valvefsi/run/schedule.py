@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from valvefsi.errors import CaseError
-from valvefsi.fsi import State
+
+if TYPE_CHECKING:
+    from valvefsi.fsi import State
 
 
 def check_end(t: float, dt: float, t_end: float, file: Path | None = None) -> None:

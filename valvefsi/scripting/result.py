@@ -18,6 +18,7 @@ from valvefsi.io.history import read_history
 from valvefsi.post.columns import COLUMNS, ending
 from valvefsi.post.plots.base import Series, ShownFigure, history_figure
 from valvefsi.run.pictures import usual_panels
+from valvefsi.runtime.installing import how_to_add, pip_command
 
 if TYPE_CHECKING:
     from valvefsi.types import Array
@@ -70,7 +71,7 @@ class History(Mapping[str, "Array"]):
         try:
             import pandas
         except ImportError:
-            raise SurroundingsError("pandas is not installed: pip install pandas") from None
+            raise SurroundingsError(f"pandas is not installed: {pip_command()} install pandas") from None
         frame = pandas.DataFrame(self._columns)
         frame.attrs["units"] = self.units
         return frame
@@ -179,7 +180,7 @@ class Result:
         try:
             import pyvista
         except ImportError:
-            raise SurroundingsError("pyvista is not installed: pip install 'valvefsi[plot]'") from None
+            raise SurroundingsError(f"pyvista is not installed: {how_to_add('plot')}") from None
         mesh = pyvista.read(path)
         mesh.field_data["t_s"] = [found]
         return mesh

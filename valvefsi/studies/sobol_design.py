@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from valvefsi.errors import SurroundingsError
+from valvefsi.runtime.installing import how_to_add
 from valvefsi.types import Array
 
 LEVEL = 0.95
 RESAMPLES = 200
 """Resamples of the rows of a design for the intervals of its indices."""
-MISSING = "the design 'sobol' needs SALib: pip install 'valvefsi[uncertainty]'; 'latin-hypercube' needs nothing more"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,8 @@ def saltelli_design(of_variates: Sequence[str], size: int, seed: int) -> Array:
     try:
         from SALib.sample import sobol
     except ImportError as error:
-        raise SurroundingsError(MISSING) from error
+        message = f"the design 'sobol' needs SALib: {how_to_add('uncertainty')}; 'latin-hypercube' needs nothing more"
+        raise SurroundingsError(message) from error
     problem = _problem(of_variates)
     points = sobol.sample(problem, size, calc_second_order=False, scramble=True, seed=seed)
     return np.asarray(points, dtype=float)

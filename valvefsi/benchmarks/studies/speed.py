@@ -317,7 +317,7 @@ def on_more_ranks(
         Collective.
     """
     value = {entry.quantity: float(entry.value) for entry in plan if not isinstance(entry.value, str)}
-    step, share = value["time of a step"] * 1e-3, value["fluid's part of a step"] / 100.0
+    step, share = value["time of a step"], value["fluid's part of a step"] / 100.0
     n, steps = round(value["cells"] ** (1.0 / 3.0)), value["steps"]
     parameters = defaults(PARAMETERS) | {"advection": advection, "viscous": viscous}
     machine, network = machine_here(parameters, comm), Network()
