@@ -21,6 +21,7 @@ from valvefsi.case import case_defaults, load_case
 from valvefsi.cli import progress as progress_module
 from valvefsi.cli.closing import show_run
 from valvefsi.cli.tables import planned, show_result
+from valvefsi.post.columns import Units
 
 RUNNER = typer.testing.CliRunner()
 
@@ -46,6 +47,7 @@ FAKE = """
 import sys, types
 from mpi4py import MPI
 from valvefsi.errors import *
+from valvefsi.post.columns import Units
 build = types.ModuleType("valvefsi.case.build")
 def run_case(case, *, out, comm, progress, **options):
     {body}
@@ -201,7 +203,7 @@ LAST = {
     ("units", "words"),
     [
         ("lab", ["u x tip 2.5 mm", "u y tip 0 mm", "pressure in 10 mmHg", "flow in 12 ml/s"]),
-        ("lab", ["t 0.5 s", "courant 0.125", "kinetic energy 5 mJ", "beam area change -0.5 %"]),
+        ("lab", ["t 0.5 s", "Courant number 0.125", "kinetic energy 5 mJ", "beam area change -0.5 %"]),
         ("lab", ["q z upper 3 ml/s"]),
         ("cgs", ["u x tip 0.25 cm", "pressure in 13332 dyn/cm^2", "flow in 12 cm^3/s"]),
     ],
@@ -209,14 +211,14 @@ LAST = {
 def test_a_run_ends_with_numbers_in_units_and_what_to_do_next(tmp_path, capsys, units, words):
     (tmp_path / "flow.png").write_bytes(b"")
     timing = {"steps": 7, "wall_s": 75.0, "warnings": [{"text": "too coarse"}], "phases": {"solve": 3.0}}
-    show_run({"last": LAST, "timing": timing}, Rank(0), tmp_path, units=units)
+    show_run({"last": LAST, "timing": timing}, Rank(0), tmp_path, Units(system=units))
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert set(words) <= set(lines)
     assert "7 steps in 1 min 15 s" in lines
     assert {"warning: too coarse", f"results in {tmp_path}", "pictures: flow.png"} <= set(lines)
     following = lines[lines.index("next:") + 1 :]
     assert following[:2] == [f"valvefsi plot {tmp_path}", f"valvefsi report {tmp_path}"]
-    show_run({"last": LAST}, Rank(1), tmp_path)
+    show_run({"last": LAST}, Rank(1), tmp_path, Units())
     assert capsys.readouterr().out == ""
 
 
@@ -227,7 +229,7 @@ def test_a_valve_ends_with_its_numbers_and_what_is_plausible(tmp_path, capsys):
         "closing volume": within | {"value": 30.0, "plausible": False},
         "leakage volume": within | {"value": None, "plausible": None},
     }
-    show_run({"last": LAST, "valve": {"plausible": numbers}}, Rank(0), tmp_path)
+    show_run({"last": LAST, "valve": {"plausible": numbers}}, Rank(0), tmp_path, Units())
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert "mean difference 12 mmHg" in lines
     assert "closing volume 30 mmHg plausible are 2 to 20" in lines
@@ -235,7 +237,9 @@ def test_a_valve_ends_with_its_numbers_and_what_is_plausible(tmp_path, capsys):
 
 
 def test_a_run_that_had_ended_says_so(tmp_path, capsys):
-    show_run({"last": LAST, "timing": {"steps": 7, "wall_s": 75.0}, "finished": True}, Rank(0), tmp_path)
+    show_run(
+        {"last": LAST, "timing": {"steps": 7, "wall_s": 75.0}, "finished": True}, Rank(0), tmp_path, Units()
+    )
     text = capsys.readouterr().out
     assert "this run is finished: nothing was computed" in text
     assert "7 steps" not in text
@@ -276,8 +280,8 @@ def shown(monkeypatch, rank=0, terminal=False, width=200, title="block"):
 def test_without_a_terminal_progress_is_a_plain_line_every_few_seconds(monkeypatch):
     lines = shown(monkeypatch).splitlines()
     assert len(lines) == 4
-    assert lines[0] == " 28.6 %  t = 0.6 of 2.1 s, step 6, courant 0.25, a 1, b 2, 15 s left"
-    assert lines[-1] == "100.0 %  t = 2.1 of 2.1 s, step 21, courant 0.25, a 1, b 2, done in 20 s"
+    assert lines[0] == " 28.6 %  t = 0.6 of 2.1 s, step 6, Courant number 0.25, a 1, b 2, 15 s left"
+    assert lines[-1] == "100.0 %  t = 2.1 of 2.1 s, step 21, Courant number 0.25, a 1, b 2, done in 20 s"
     assert shown(monkeypatch, rank=1) == ""
 
 
@@ -319,7 +323,11 @@ def test_a_plan_has_one_unit_for_all_steps_and_times_as_people_say_them():
 
 @pytest.mark.parametrize(
     ("width", "numbers"),
-    [(60, "t = 2.1 of 2.1 s"), (80, "t = 2.1 of 2.1 s, step 21"), (120, "t = .*, courant 0.25, a 1, b 2")],
+    [
+        (60, "t = 2.1 of 2.1 s"),
+        (80, "t = 2.1 of 2.1 s, step 21"),
+        (120, "t = .*, Courant number 0.25, a 1, b 2"),
+    ],
 )
 def test_bar_percent_and_time_left_stay_on_a_narrow_terminal(monkeypatch, width, numbers):
     title = "a long title of a run that nobody can read to its end on any terminal"

@@ -45,9 +45,12 @@ def test_the_thickness_behind_each_facet_is_that_of_the_plate(plate):
 
 
 def twisted_sheet(cells, t, twist=0.5):
-    """Return the faces of a sheet of one thickness along the normals of z = twist x y, and the largest angle of these."""
+    """Return faces of a sheet of one thickness along the normals of z = twist x y, and the largest angle of these."""
     x, y = np.meshgrid(*2 * [np.linspace(-1, 1, cells + 1)], indexing="ij")
-    middle, normal = np.stack([x, y, twist * x * y], -1), np.stack([-twist * y, -twist * x, np.ones_like(x)], -1)
+    middle, normal = (
+        np.stack([x, y, twist * x * y], -1),
+        np.stack([-twist * y, -twist * x, np.ones_like(x)], -1),
+    )
     normal /= np.linalg.norm(normal, axis=2, keepdims=True)
     corners = [(slice(None, -1), slice(None, -1)), (slice(1, None), slice(None, -1))]
     corners += [(slice(1, None), slice(1, None)), (slice(None, -1), slice(1, None))]

@@ -189,22 +189,6 @@ def test_only_numbers_that_change_are_drawn():
     assert found["b"] == pytest.approx([2.0, np.nan, 3.0], nan_ok=True)
 
 
-@pytest.mark.parametrize(
-    ("column", "largest", "label", "factor"),
-    [
-        ("u_y_tip_cm", 0.5, "$u_y$ tip [mm]", 10.0),
-        ("u_y_tip_cm", 1e-4, "$u_y$ tip [\N{MICRO SIGN}m]", 1e4),
-        ("kinetic_energy_erg", 0.0, "kinetic energy [mJ]", 1e-4),
-        ("pressure_upstream_dyn_per_cm2", 1e5, "pressure upstream [mmHg]", 1 / 1333.2236842105262),
-        ("peak_pdva_cm2", 3.0, "peak PDVA [cm$^{2}$]", 1.0),
-        ("force_x_body_dyn_per_cm", 1.0, "force x body [mN/m]", 1.0),
-        ("block_J_min", 1.0, "block J min", 1.0),
-    ],
-)
-def test_axes_have_units_that_people_use(column, largest, label, factor):
-    assert plots.label_of(column, largest) == (label, pytest.approx(factor))
-
-
 @pytest.fixture
 def figures(monkeypatch):
     """Collect the figures that are written."""

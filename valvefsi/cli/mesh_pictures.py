@@ -151,7 +151,9 @@ def _draw_thickness(name: str, groups: Mapping[str, Array], thickness: Array, fo
     colours = mpl.colormaps["viridis"].with_extremes(over=PLAIN)
     scale = ScalarMappable(Normalize(max(middle - reach, 0.0), middle + reach), colours)
     surface = Surface(polygons=polygons, colours=scale.to_rgba(mm), names={}, shade=0.12)
-    caption = f"{_extent(groups)}; how far the body reaches behind each facet, along its normal; grey: further"
+    caption = (
+        f"{_extent(groups)}; how far the body reaches behind each facet, along its normal; grey: further"
+    )
     bar = (scale, "thickness [mm]")
     return views(folder / f"{name}_thickness.png", surface, title=name, caption=caption, scale=bar)
 

@@ -123,9 +123,9 @@ def quality_of(mesh: SolidMesh) -> Quality:
 def thickness_through(polygons: Array) -> Array:
     """Return how far a body reaches behind the middle of each of its outer facets, along the normal, ``(n,)`` [cm].
 
-    A facet with four corners is four triangles about its middle, so that the two sides of a twisted sheet agree. Of columns
-    of one length t it is t times the length of the mean of a facet's unit columns: t cos(a/2) where the sheet is bent by
-    an angle a from column to column.
+    A facet with four corners is four triangles about its middle, so that the two sides of a twisted sheet agree. Where
+    columns of nodes have one length t it is t times the length of the mean of a facet's unit columns: t cos(a/2) for
+    a bend by an angle a from column to column.
 
     Args:
         polygons: Corners of all outer facets, outward, ``(n, 3 or 4, 3)`` [cm].

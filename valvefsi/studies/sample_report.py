@@ -13,6 +13,7 @@ import numpy as np
 
 from valvefsi import __version__
 from valvefsi.io.folder import write_text
+from valvefsi.post.columns import Units
 from valvefsi.studies.members import Values
 from valvefsi.studies.sampling import Sampling
 from valvefsi.types import Array
@@ -102,9 +103,10 @@ def draw_samples(sampling: Sampling, outputs: Mapping[str, Array], result: Value
         column = _strongest_input(sampling, strongest, y)
         unit = sampling.inputs.units[column]
         name = sampling.inputs.names[column]
+        shown = Units().of(row["output"].rpartition(".")[2])
         panels.append(
             SensitivityPanel(
-                name=row["output"].rpartition(".")[2],
+                name=shown.label.removesuffix(" [-]"),
                 groups=[one["group"] for one in indices],
                 first=_column(indices, "first"),
                 first_interval=_column(indices, "first_interval"),
@@ -112,8 +114,12 @@ def draw_samples(sampling: Sampling, outputs: Mapping[str, Array], result: Value
                 total_interval=_column(indices, "total_interval"),
                 x=sampling.values[:, column],
                 x_label=f"{name} [{unit}]" if unit else name,
-                y=y,
-                interval=(row["low"], row["median"], row["high"]),
+                y=shown.factor * y,
+                interval=(
+                    shown.factor * row["low"],
+                    shown.factor * row["median"],
+                    shown.factor * row["high"],
+                ),
                 text=_told(row),
             )
         )

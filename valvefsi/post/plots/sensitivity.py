@@ -13,8 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, headings, plain, saved
-from valvefsi.post.plots.sweep import label_of
+from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, headings, plain, saved, typeset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,7 +102,7 @@ def _draw_bars(axes: Axes, panel: SensitivityPanel, *, last: bool) -> None:
         axes.errorbar(shown, rows + place, xerr=about, fmt="none", **bars)
     axes.set_yticks(rows, [panel.groups[k] for k in order])
     axes.set_xlim(-0.02, 1.1)
-    axes.set_title(label_of(panel.name, 1.0)[0], fontsize=9.5, loc="left", pad=16)
+    axes.set_title(typeset(panel.name), fontsize=9.5, loc="left", pad=16)
     axes.annotate(panel.text, (0.0, 1.03), xycoords="axes fraction", fontsize=8, color=MUTED, va="bottom")
     plain(axes)
     axes.grid(axis="y", visible=False)

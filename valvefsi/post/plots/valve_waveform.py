@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
+from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, draw_bar, plain, saved
 from valvefsi.post.plots.waveform import headings_at
 from valvefsi.units import MMHG
 
@@ -150,7 +150,10 @@ def valve_end_views(
         reach = 1.02 * max(float(np.abs(np.asarray(view["xyz"])[:, :2]).max(initial=0.0)) for view in views)
         for axes, view in zip(grid, views, strict=False):
             draw_end_view(axes, view, radius, max(reach, 1.1 * radius))
-        headings_at(figure, 0.03, title, caption)
+        low = -0.99 * max(reach, 1.1 * radius)
+        draw_bar(grid[0], (low, low), 2.0 * radius, 0.1)
+        orifice = f"orifice {20.0 * radius:.3g} mm across"
+        headings_at(figure, 0.03, title, f"{caption}; {orifice}" if caption else orifice)
         return saved(figure, path)
 
 
