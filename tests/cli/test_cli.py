@@ -337,6 +337,25 @@ def test_bar_percent_and_time_left_stay_on_a_narrow_terminal(monkeypatch, width,
     assert re.fullmatch(rf"a long .*… ━{{12}} 100% in 20 s {numbers}", last)
 
 
+def test_a_bar_at_its_end_says_what_is_still_done(monkeypatch):
+    console = Console(file=io.StringIO(), force_terminal=True, width=120, _environ={"TERM": "xterm"})
+    with progress_module.Progress(Rank(0), "block", console) as progress:
+        progress(1, 0.4, 0.8)
+        progress(2, 0.8, 0.8)
+        progress.live.refresh()
+        assert "drawing pictures" in console.file.getvalue()
+    last = without_styles(console.file.getvalue()).replace("\r", "\n").split("\n")
+    assert [line for line in last if "block" in line][-1].rstrip().endswith("t = 0.8 of 0.8 s, step 2")
+
+
+def test_progress_has_the_units_of_the_run():
+    console = Console(file=io.StringIO(), width=200)
+    with progress_module.Progress(Rank(0), "block", console, units=Units(dim=2)) as progress:
+        progress(1, 0.8, 0.8, {"kinetic_energy_erg": 2e4, "q_z_lower_ml_s": 3.0})
+    assert "q z lower 3 ml/s per cm" in console.file.getvalue()
+    assert "_" not in console.file.getvalue()
+
+
 def test_a_terminal_that_understands_no_escape_codes_gets_plain_lines():
     console = Console(file=io.StringIO(), force_terminal=True, width=100, _environ={"TERM": "dumb"})
     with progress_module.Progress(Rank(0), "block", console) as progress:

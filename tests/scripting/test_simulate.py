@@ -151,7 +151,7 @@ def test_what_is_not_installed_is_said(done, monkeypatch):
 def test_columns_with_one_unit_share_a_panel(done):
     figure = done.plot("u_x_corner_cm", "u_y_corner_cm", "courant")
     labels = [axes.get_ylabel() for axes in figure.axes]
-    assert labels == ["[cm]", "courant [-]"]
+    assert labels == ["[mm]", "Courant number [-]"]
     assert [line.get_label() for line in figure.axes[0].lines] == ["u x corner", "u y corner"]
     drawn = figure.axes[0].lines[0].get_ydata()
     np.testing.assert_array_equal(drawn, done.history["u_x_corner_cm"])

@@ -26,7 +26,7 @@ BAR, PERCENT, LEFT = 12, 4, 16
 """Columns of the bar, of "100%" and of "12 h 02 min left", each with a space after it: these always stay."""
 TITLE = 8
 """Columns that a title keeps while numbers can go in its place."""
-AFTER = "writing results and pictures"
+AFTER = "drawing pictures"
 """What a bar says from its last step until it is taken away."""
 ROUND_OFF = 1e-9
 """Part of the length of a run by which the sum of its steps may miss the end."""
@@ -56,7 +56,7 @@ class Progress:
         units: Units | None = None,
     ) -> None:
         self.comm, self.title, self.console, self.period = comm, title, console, period
-        self.units, self.ended = units or Units(), ""
+        self.units, self.ended = units or Units(), ("", "")
         self.live: Bars | None = None
         self.task: TaskID | None = None
         self.cell: Cell | None = None
@@ -71,8 +71,8 @@ class Progress:
     def __exit__(self, *_: BaseException | type[BaseException] | TracebackType | None) -> None:
         """Take the bar away from the cursor."""
         if self.live is not None and self.task is not None:
-            if self.ended:
-                self.live.update(self.task, text=self.ended)
+            if self.ended[1]:
+                self.live.update(self.task, description=self.ended[0], text=self.ended[1])
             self.live.stop()
 
     def __call__(self, step: int, t: float, t_end: float, info: Mapping[str, Scalar] | None = None) -> None:
@@ -108,7 +108,7 @@ class Progress:
         if self.live is not None and self.task is not None and self.console is not None:
             title, text = fitted(self.title, numbers, self.console.width)
             if share >= 1:
-                self.ended, (title, text) = text, fitted(self.title, [AFTER], self.console.width)
+                self.ended, (title, text) = (title, text), fitted(self.title, [AFTER], self.console.width)
             self.live.update(self.task, description=title, completed=share, text=text, left=end)
         elif self.console is not None and (left is not None or share >= 1):
             end = end if share < 1 else f"done {end}"
