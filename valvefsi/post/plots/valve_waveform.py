@@ -150,8 +150,8 @@ def valve_end_views(
         reach = 1.02 * max(float(np.abs(np.asarray(view["xyz"])[:, :2]).max(initial=0.0)) for view in views)
         for axes, view in zip(grid, views, strict=False):
             draw_end_view(axes, view, radius, max(reach, 1.1 * radius))
-        low = -0.99 * max(reach, 1.1 * radius)
-        draw_bar(grid[0], (low, low), 2.0 * radius, 0.1)
+        low = -max(reach, 1.1 * radius)
+        draw_bar(grid[0], (0.99 * low, 1.19 * low), 2.0 * radius, 0.1)
         orifice = f"orifice {20.0 * radius:.3g} mm across"
         headings_at(figure, 0.03, title, f"{caption}; {orifice}" if caption else orifice)
         return saved(figure, path)
