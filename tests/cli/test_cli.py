@@ -20,6 +20,7 @@ from valvefsi.case import case_defaults, load_case
 from valvefsi.cli import progress as progress_module
 from valvefsi.cli.closing import show_run
 from valvefsi.cli.tables import show_result
+from valvefsi.post.columns import Units
 
 RUNNER = typer.testing.CliRunner()
 
@@ -45,6 +46,7 @@ FAKE = """
 import sys, types
 from mpi4py import MPI
 from valvefsi.errors import *
+from valvefsi.post.columns import Units
 build = types.ModuleType("valvefsi.case.build")
 def run_case(case, *, out, comm, progress, **options):
     {body}
@@ -200,7 +202,7 @@ LAST = {
     ("units", "words"),
     [
         ("lab", ["u x tip 2.5 mm", "u y tip 0 mm", "pressure in 10 mmHg", "flow in 12 ml/s"]),
-        ("lab", ["t 0.5 s", "courant 0.125", "kinetic energy 5 mJ", "beam area change -0.5 %"]),
+        ("lab", ["t 0.5 s", "Courant number 0.125", "kinetic energy 5 mJ", "beam area change -0.5 %"]),
         ("lab", ["q z upper 3 ml/s"]),
         ("cgs", ["u x tip 0.25 cm", "pressure in 13332 dyn/cm^2", "flow in 12 cm^3/s"]),
     ],
@@ -208,18 +210,18 @@ LAST = {
 def test_a_run_ends_with_numbers_in_units_and_what_to_do_next(tmp_path, capsys, units, words):
     (tmp_path / "flow.png").write_bytes(b"")
     timing = {"steps": 7, "wall_s": 75.0, "warnings": [{"text": "too coarse"}], "phases": {"solve": 3.0}}
-    show_run({"last": LAST, "timing": timing}, Rank(0), tmp_path, units=units)
+    show_run({"last": LAST, "timing": timing}, Rank(0), tmp_path, Units(system=units))
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert set(words) <= set(lines)
     assert "7 steps in 1 min 15 s" in lines
     assert {"warning: too coarse", f"results in {tmp_path}", "pictures: flow.png"} <= set(lines)
     following = lines[lines.index("next:") + 1 :]
     assert following[:2] == [f"valvefsi plot {tmp_path}", f"valvefsi report {tmp_path}"]
-    show_run({"last": {"leaflets_post_1_inward_mm": 0.491}}, Rank(0), tmp_path)
+    show_run({"last": {"leaflets_post_1_inward_mm": 0.491}}, Rank(0), tmp_path, Units())
     assert "leaflets post 1 inward 0.491 mm" in [
         " ".join(s.split()) for s in capsys.readouterr().out.splitlines()
     ]
-    show_run({"last": LAST}, Rank(1), tmp_path)
+    show_run({"last": LAST}, Rank(1), tmp_path, Units())
     assert capsys.readouterr().out == ""
 
 
@@ -230,7 +232,7 @@ def test_a_valve_ends_with_its_numbers_and_what_is_plausible(tmp_path, capsys):
         "closing volume": within | {"value": 30.0, "plausible": False},
         "leakage volume": within | {"value": None, "plausible": None},
     }
-    show_run({"last": LAST, "valve": {"plausible": numbers}}, Rank(0), tmp_path)
+    show_run({"last": LAST, "valve": {"plausible": numbers}}, Rank(0), tmp_path, Units())
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert "mean difference 12 mmHg" in lines
     assert "closing volume 30 mmHg plausible are 2 to 20" in lines
@@ -238,7 +240,9 @@ def test_a_valve_ends_with_its_numbers_and_what_is_plausible(tmp_path, capsys):
 
 
 def test_a_run_that_had_ended_says_so(tmp_path, capsys):
-    show_run({"last": LAST, "timing": {"steps": 7, "wall_s": 75.0}, "finished": True}, Rank(0), tmp_path)
+    show_run(
+        {"last": LAST, "timing": {"steps": 7, "wall_s": 75.0}, "finished": True}, Rank(0), tmp_path, Units()
+    )
     text = capsys.readouterr().out
     assert "this run is finished: nothing was computed" in text
     assert "7 steps" not in text
@@ -279,8 +283,8 @@ def shown(monkeypatch, rank=0, terminal=False, width=200, title="block"):
 def test_without_a_terminal_progress_is_a_plain_line_every_few_seconds(monkeypatch):
     lines = shown(monkeypatch).splitlines()
     assert len(lines) == 4
-    assert lines[0] == " 28.6 %  t = 0.6 of 2.1 s, step 6, courant 0.25, a 1, b 2, 15 s left"
-    assert lines[-1] == "100.0 %  t = 2.1 of 2.1 s, step 21, courant 0.25, a 1, b 2, done in 20 s"
+    assert lines[0] == " 28.6 %  t = 0.6 of 2.1 s, step 6, Courant number 0.25, a 1, b 2, 15 s left"
+    assert lines[-1] == "100.0 %  t = 2.1 of 2.1 s, step 21, Courant number 0.25, a 1, b 2, done in 20 s"
     assert shown(monkeypatch, rank=1) == ""
 
 
@@ -306,7 +310,11 @@ def test_a_sum_of_steps_that_misses_the_end_by_round_off_is_at_the_end():
 
 @pytest.mark.parametrize(
     ("width", "numbers"),
-    [(60, "t = 2.1 of 2.1 s"), (80, "t = 2.1 of 2.1 s, step 21"), (120, "t = .*, courant 0.25, a 1, b 2")],
+    [
+        (60, "t = 2.1 of 2.1 s"),
+        (80, "t = 2.1 of 2.1 s, step 21"),
+        (120, "t = .*, Courant number 0.25, a 1, b 2"),
+    ],
 )
 def test_bar_percent_and_time_left_stay_on_a_narrow_terminal(monkeypatch, width, numbers):
     title = "a long title of a run that nobody can read to its end on any terminal"
@@ -314,6 +322,25 @@ def test_bar_percent_and_time_left_stay_on_a_narrow_terminal(monkeypatch, width,
     last = [without_styles(line).rstrip() for line in lines if "t = " in line][-1]
     assert len(last) <= width
     assert re.fullmatch(rf"a long .*… ━{{12}} 100% in 20 s {numbers}", last)
+
+
+def test_a_bar_at_its_end_says_what_is_still_done(monkeypatch):
+    console = Console(file=io.StringIO(), force_terminal=True, width=120, _environ={"TERM": "xterm"})
+    with progress_module.Progress(Rank(0), "block", console) as progress:
+        progress(1, 0.4, 0.8)
+        progress(2, 0.8, 0.8)
+        progress.live.refresh()
+        assert "drawing pictures" in console.file.getvalue()
+    last = without_styles(console.file.getvalue()).replace("\r", "\n").split("\n")
+    assert [line for line in last if "block" in line][-1].rstrip().endswith("t = 0.8 of 0.8 s, step 2")
+
+
+def test_progress_has_the_units_of_the_run():
+    console = Console(file=io.StringIO(), width=200)
+    with progress_module.Progress(Rank(0), "block", console, units=Units(dim=2)) as progress:
+        progress(1, 0.8, 0.8, {"kinetic_energy_erg": 2e4, "q_z_lower_ml_s": 3.0})
+    assert "q z lower 3 ml/s per cm" in console.file.getvalue()
+    assert "_" not in console.file.getvalue()
 
 
 def test_a_terminal_that_understands_no_escape_codes_gets_plain_lines():

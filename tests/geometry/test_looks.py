@@ -44,6 +44,34 @@ def test_the_thickness_behind_each_facet_is_that_of_the_plate(plate):
     np.testing.assert_allclose(thickness_through(polygons), np.abs(normal) @ SIZE, rtol=1e-6)
 
 
+def twisted_sheet(cells, t, twist=0.5):
+    """Return faces of a sheet of one thickness along the normals of z = twist x y, and the largest angle of these."""
+    x, y = np.meshgrid(*2 * [np.linspace(-1, 1, cells + 1)], indexing="ij")
+    middle, normal = (
+        np.stack([x, y, twist * x * y], -1),
+        np.stack([-twist * y, -twist * x, np.ones_like(x)], -1),
+    )
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    corners = [(slice(None, -1), slice(None, -1)), (slice(1, None), slice(None, -1))]
+    corners += [(slice(1, None), slice(1, None)), (slice(None, -1), slice(1, None))]
+    faces = [
+        np.stack([(middle + side * 0.5 * t * normal)[k] for k in corners[::side]], axis=2).reshape(-1, 4, 3)
+        for side in (1, -1)
+    ]
+    cosines = [np.einsum("ijc,ijc->ij", normal[a], normal[b]).min() for a in corners for b in corners]
+    return np.concatenate(faces), np.arccos(min(cosines))
+
+
+@pytest.mark.parametrize("cells", [8, 16])
+def test_the_thickness_of_a_twisted_sheet_is_the_same_from_both_sides(cells):
+    """Between t and t times the least length of the mean of four unit columns with angles of up to a."""
+    t = 0.02
+    faces, angle = twisted_sheet(cells, t)
+    found = thickness_through(faces)
+    assert found.max() <= t * (1 + 1e-9)
+    assert found.min() >= t * np.sqrt((1 + 3 * np.cos(angle)) / 4)
+
+
 def test_many_facets_are_sampled(monkeypatch, plate):
     monkeypatch.setattr("valvefsi.geometry.looks.RAYS", 40)
     polygons = np.concatenate(list(facets_by_tag(plate).values()))

@@ -13,10 +13,10 @@ from valvefsi.post.plots.base import (
     flow_and_solid,
     histories,
     phase_bars,
-    tick_texts,
     typeset,
 )
 from valvefsi.post.plots.fit import ProfilePanel, _between
+from valvefsi.post.plots.ticks import tick_texts
 from valvefsi.post.plots.waveform import headings_at
 
 X = np.arange(16) + 0.5
@@ -86,6 +86,7 @@ def test_the_phases_of_a_step_are_drawn(tmp_path):
         ([0.9999999, 1.0, 1.0000001], ["0.9999999", "1.0000000", "1.0000001"]),
         ([1.895e4, 1.897e4], ["18950", "18970"]),
         ([0.0, 2e6, 4e6], ["0", r"$2 \cdot 10^{6}$", r"$4 \cdot 10^{6}$"]),
+        ([0.0, 1.25, 2.5, 3.75], ["0.00", "1.25", "2.50", "3.75"]),
         ([-1.5, 0.0, 1.5], ["-1.5", "0.0", "1.5"]),
         ([3.0, 3.0], ["3", "3"]),
     ],
@@ -99,8 +100,18 @@ def test_powers_are_set():
 
 
 def test_a_band_is_seen_that_is_wider_than_a_line():
-    assert can_be_seen(np.array([0.0, 1.0]), np.array([0.0, 100.0]))
-    assert not can_be_seen(np.array([0.0, 0.5]), np.array([0.0, 100.0]))
+    """A line has 1.2 % of the axis: bands of 2 % and 1 % about a level line, and 2 % about one with slope 10."""
+    level, whole = np.full(50, 40.0), np.ones(50)
+    assert can_be_seen(whole, level, frame=(1.0, 100.0))
+    assert not can_be_seen(0.5 * whole, level, frame=(1.0, 100.0))
+    steep, x = np.linspace(0.0, 100.0, 50), np.linspace(0.0, 0.1, 50)
+    assert not can_be_seen(whole, steep, x=x, frame=(1.0, 100.0))
+
+
+def test_a_band_that_is_wide_at_one_end_alone_is_not_seen():
+    band = np.zeros(50)
+    band[-2:] = 30.0
+    assert not can_be_seen(band, np.full(50, 40.0), frame=(1.0, 100.0))
 
 
 def test_a_long_caption_ends_with_a_sentence(tmp_path):

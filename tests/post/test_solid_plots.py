@@ -12,6 +12,7 @@ import pytest
 from valvefsi.errors import CaseError
 from valvefsi.io.paraview import SolidSeries
 from valvefsi.io.solid_body import Body, read_body, write_body
+from valvefsi.post.plots import base
 from valvefsi.post.plots import solid as solid_plots
 from valvefsi.post.plots.convergence import Convergence, convergence
 from valvefsi.post.plots.solid import deformed, draw_folder
@@ -125,3 +126,20 @@ def test_convergence_is_drawn_with_its_references(tmp_path):
         label="u [cm]", lines=lines, known=[(1.12, None, "known"), (None, (1.1, 1.15), "band")]
     )
     assert colours(convergence(tmp_path / "convergence.png", [panel], title="Answer")) > 10
+
+
+def test_two_pictures_of_one_J_have_even_ticks_and_say_what_was_averaged(tmp_path, monkeypatch):
+    made = []
+    for module in (solid_plots, base):
+        monkeypatch.setattr(module, "saved", lambda figure, path: made.append(figure) or path)
+    J = np.array([0.879, 1.0, 1.1, 1.05])
+    deformed(tmp_path / "a.png", replace(square(), values={"J": J}, shown="J"))
+    x, still = np.linspace(0.1, 0.9, 5), np.zeros((5, 5))
+    solid = base.PlaneSolid(points=square().points, cells=square().cells, J=J[:1])
+    base.flow_and_solid(tmp_path / "b.png", base.PlaneFlow(x=x, y=x, u=still, v=still), [solid])
+    bars = [next(axes for axes in figure.axes if "det F" in axes.get_xlabel()) for figure in made]
+    labels = [axes.get_xlabel() for axes in bars]
+    assert "mean of the cells at each node" in labels[0]
+    assert "mean of each cell" in labels[1]
+    for axes in bars:
+        assert [t.get_text() for t in axes.get_xticklabels()] == ["0.84", "0.92", "1.00", "1.08", "1.16"]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from matplotlib.image import imread
 
 from tests.valve_shapes import UP, leaflets
 from tests.valve_waves import SALINE, record
 from valvefsi.post.diagnostics.projected_area import end_view, projected_area
+from valvefsi.post.plots import free_edge, valve_waveform
 from valvefsi.post.plots.valve_waveform import valve_end_views, valve_waveforms
 from valvefsi.post.valve_numbers import valve_numbers
 
@@ -44,3 +46,20 @@ def test_the_leaflets_are_drawn_end_on(tmp_path):
     path = valve_end_views(tmp_path / "views.png", views, radius=1.25, title="Opening", caption="end on")
     assert np.ptp(imread(path)[..., :3]) > 0.5
     assert valve_end_views(tmp_path / "one.png", views[:1], radius=1.25).exists()
+
+
+def test_the_size_of_a_valve_can_be_read_off_its_end_views(tmp_path, monkeypatch):
+    """The bar of 5 mm is 0.5 cm long on axes in cm, beside an orifice of 21 mm."""
+    made = []
+    monkeypatch.setattr(valve_waveform, "saved", lambda figure, path: made.append(figure) or path)
+    monkeypatch.setattr(free_edge, "saved", lambda figure, path: made.append(figure) or path)
+    view = {"xyz": np.zeros((0, 3)), "triangles": np.zeros((0, 3))}
+    valve_end_views(tmp_path / "a.png", [view], radius=1.05)
+    pieces, middles = np.zeros((3, 1, 2, 2)), np.outer([0.1, 0.2, 0.3], np.ones(3))
+    edges = {"t": np.linspace(0, 1, 3), "pieces": pieces, "middles": middles, "top": 1}
+    free_edge.free_edges(tmp_path / "b.png", edges, radius=1.05)
+    for figure in made:
+        assert any("21 mm across" in text.get_text() for text in figure.texts)
+        axes = next(a for a in figure.axes if any(text.get_text() == "5 mm" for text in a.texts))
+        assert [np.ptp(line.get_xdata()) for line in axes.lines] == [pytest.approx(0.5)]
+    assert len(made) == 2

@@ -151,10 +151,10 @@ def test_what_is_not_installed_is_said(done, monkeypatch):
 def test_columns_with_one_unit_share_a_panel(done):
     figure = done.plot("u_x_corner_cm", "u_y_corner_cm", "courant")
     labels = [axes.get_ylabel() for axes in figure.axes]
-    assert labels == ["[cm]", "courant [-]"]
+    assert labels == ["[mm]", "Courant number [-]"]
     assert [line.get_label() for line in figure.axes[0].lines] == ["u x corner", "u y corner"]
     drawn = figure.axes[0].lines[0].get_ydata()
-    np.testing.assert_array_equal(drawn, done.history["u_x_corner_cm"])
+    np.testing.assert_array_equal(drawn, 10.0 * done.history["u_x_corner_cm"])
     assert figure._repr_png_().startswith(b"\x89PNG"), "a notebook shows it"
     assert len(done.plot().axes) >= 2
     with pytest.raises(CaseError, match=r"columns = 'corant': no such column; did you mean 'courant'"):

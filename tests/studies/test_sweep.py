@@ -189,39 +189,6 @@ def test_only_numbers_that_change_are_drawn():
     assert found["b"] == pytest.approx([2.0, np.nan, 3.0], nan_ok=True)
 
 
-@pytest.mark.parametrize(
-    ("column", "largest", "label", "factor"),
-    [
-        ("u_y_tip_cm", 0.5, "$u_y$ tip [mm]", 10.0),
-        ("u_y_tip_cm", 1e-4, "$u_y$ tip [\N{MICRO SIGN}m]", 1e4),
-        ("kinetic_energy_erg", 0.0, "kinetic energy [mJ]", 1e-4),
-        ("pressure_upstream_dyn_per_cm2", 1e5, "pressure upstream [mmHg]", 1 / 1333.2236842105262),
-        ("peak_pdva_cm2", 3.0, "peak PDVA [cm$^{2}$]", 1.0),
-        ("force_x_body_dyn_per_cm", 1.0, "force x body [mN/m]", 1.0),
-        ("block_J_min", 1.0, "block J min", 1.0),
-        ("largest_principal_stress_p99_kPa", 500.0, "largest principal stress, 99th percentile [kPa]", 1.0),
-        ("leaflet_1_von_mises_p99_kPa", 500.0, "leaflet 1 von Mises stress, 99th percentile [kPa]", 1.0),
-        ("largest_principal_strain_p99", 0.4, "largest principal strain, 99th percentile", 1.0),
-        ("free_edge_displacement_mm", 1.9, "free edge displacement [mm]", 1.0),
-        ("frequency_Hz", 30.0, "frequency [Hz]", 1.0),
-    ],
-)
-def test_axes_have_units_that_people_use(column, largest, label, factor):
-    assert plots.label_of(column, largest) == (label, pytest.approx(factor))
-
-
-@pytest.mark.parametrize(
-    ("path", "name"),
-    [
-        ("last.u_x_tip_cm", "u_x_tip_cm"),
-        ("valve.leaflets.leaflet_1.von_mises_p99_kPa.value", "leaflet_1_von_mises_p99_kPa"),
-        ("mean_pressure_difference_mmHg", "mean_pressure_difference_mmHg"),
-    ],
-)
-def test_a_number_is_called_by_what_of_its_path_says_what_it_is(path, name):
-    assert plots.name_of(path) == name
-
-
 @pytest.fixture
 def figures(monkeypatch):
     """Collect the figures that are written."""

@@ -386,4 +386,5 @@ def _output(
         dissipation=case.output.dissipation,
         stress=case.output.stress,
         provenance=provenance_of(case, changes),
+        units=case.output.units,
     )

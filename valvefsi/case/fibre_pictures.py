@@ -77,7 +77,8 @@ def draw_fields(solid: str, mesh: SolidMesh, out: Path, name: str) -> list[Path]
             continue
         out.mkdir(parents=True, exist_ok=True)
         every = -(-len(found[0]) // MOST)
-        title = f"{solid}, {field}: {len(found[0])} fibres (red x, green y, blue z)"
+        title = f"{solid.replace('_', ' ')}: {field.replace('_', ' ')} fibres"
+        caption = f"{len(found[0])} fibres, coloured by their direction"
         path = out / name.format(solid, re.sub("[^A-Za-z0-9]+", "_", field))
-        made.append(fibre_picture(path, found[0][::every], found[1][::every], title=title))
+        made.append(fibre_picture(path, found[0][::every], found[1][::every], title=title, caption=caption))
     return made

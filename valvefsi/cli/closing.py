@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from valvefsi.cli.tables import number, print_lines, print_table, terminal
-from valvefsi.post.columns import column_label
+from valvefsi.post.columns import Units
 from valvefsi.units import format_time
 
 if TYPE_CHECKING:
@@ -17,14 +17,14 @@ NOTHING = 1e-9
 """Part of the largest number with the same unit below which one is round-off."""
 
 
-def show_run(result: Mapping[str, Any], comm: MPI.Comm, folder: Path, *, units: str = "lab") -> None:
+def show_run(result: Mapping[str, Any], comm: MPI.Comm, folder: Path, units: Units) -> None:
     """Print on rank 0 what a run has ended with.
 
     Args:
         result: What `valvefsi.case.build.run_case` returned.
         comm: Communicator of the run.
         folder: Folder of the results.
-        units: "lab" or "cgs".
+        units: The units of its numbers.
     """
     if comm.rank != 0 or not result:
         return
@@ -42,12 +42,12 @@ def show_run(result: Mapping[str, Any], comm: MPI.Comm, folder: Path, *, units: 
     print_lines(console, [*again, *_ended(result, timing), *_on_disk(folder), *_next(result, folder)])
 
 
-def in_units(row: Mapping[str, float], units: str) -> list[tuple[str, str, str]]:
-    """Return quantity, value and unit of each column of a history, in the units of a lab or in CGS."""
+def in_units(row: Mapping[str, float], units: Units) -> list[tuple[str, str, str]]:
+    """Return quantity, value and unit of each column of a history, in the units of a run."""
     found = []
     for name, value in row.items():
-        words, unit, factor = column_label(name, units)
-        found.append((words, factor * value, unit))
+        shown = units.of(name)
+        found.append((shown.words, shown.factor * value, shown.unit))
     largest: dict[str, float] = {}
     for _, value, unit in found:
         largest[unit] = max(largest.get(unit, 0.0), abs(value))

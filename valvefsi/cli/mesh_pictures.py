@@ -19,6 +19,9 @@ EVEN, LIMITS = 3.0, 10.0
 FLAT = 0.999
 """Length of the summed area vectors over the area, above which a tag's facets lie in a plane."""
 
+SPREAD = 0.25
+"""Least spread of the colours of a thickness over the thickness: what is uniform is drawn in one colour."""
+
 
 def show_mesh(name: str, mesh: SolidMesh, folder: Path) -> list[Path]:
     """Print quality and tags of a mesh, and draw it; return the pictures."""
@@ -144,16 +147,17 @@ def _draw_thickness(name: str, groups: Mapping[str, Array], thickness: Array, fo
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    from valvefsi.post.plots.views import Surface, area_vectors, views
+    from valvefsi.post.plots.views import PLAIN, Surface, area_vectors, views
 
     polygons, mm = np.concatenate(list(groups.values())), 10.0 * thickness
     low, high = _range(mm, np.linalg.norm(area_vectors(polygons), axis=1))
-    spread = max(high - low, 0.05 * high)
-    scale = ScalarMappable(
-        Normalize(max(low - 0.1 * spread, 0.0), high + 0.1 * spread), mpl.colormaps["viridis"]
-    )
+    middle, reach = 0.5 * (low + high), 0.6 * max(high - low, SPREAD * high)
+    colours = mpl.colormaps["viridis"].with_extremes(over=PLAIN)
+    scale = ScalarMappable(Normalize(max(middle - reach, 0.0), middle + reach), colours)
     surface = Surface(polygons=polygons, colours=scale.to_rgba(mm), names={}, shade=0.12)
-    caption = f"{_extent(groups)}; how far the body reaches behind each facet, along its normal"
+    caption = (
+        f"{_extent(groups)}; how far the body reaches behind each facet, along its normal; grey: further"
+    )
     bar = (scale, "thickness [mm]")
     return views(folder / f"{name}_thickness.png", surface, title=name, caption=caption, scale=bar)
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from valvefsi.cli.tables import number
+from valvefsi.post.columns import Units
 from valvefsi.units import format_time
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ BAR, PERCENT, LEFT = 12, 4, 16
 """Columns of the bar, of "100%" and of "12 h 02 min left", each with a space after it: these always stay."""
 TITLE = 8
 """Columns that a title keeps while numbers can go in its place."""
+AFTER = "drawing pictures"
+"""What a bar says from its last step until it is taken away."""
 ROUND_OFF = 1e-9
 """Part of the length of a run by which the sum of its steps may miss the end."""
 
@@ -40,12 +43,20 @@ class Progress:
         title: What is being run.
         console: Where to, standard output if left out.
         period: Length of a beat [s]; beat and phase are shown if given.
+        units: Units of the numbers, those of a lab in space if left out.
     """
 
     def __init__(
-        self, comm: MPI.Comm, title: str, console: Console | None = None, period: float | None = None
+        self,
+        comm: MPI.Comm,
+        title: str,
+        console: Console | None = None,
+        *,
+        period: float | None = None,
+        units: Units | None = None,
     ) -> None:
         self.comm, self.title, self.console, self.period = comm, title, console, period
+        self.units, self.ended = units or Units(), ("", "")
         self.live: Bars | None = None
         self.task: TaskID | None = None
         self.cell: Cell | None = None
@@ -59,7 +70,9 @@ class Progress:
 
     def __exit__(self, *_: BaseException | type[BaseException] | TracebackType | None) -> None:
         """Take the bar away from the cursor."""
-        if self.live is not None:
+        if self.live is not None and self.task is not None:
+            if self.ended[1]:
+                self.live.update(self.task, description=self.ended[0], text=self.ended[1])
             self.live.stop()
 
     def __call__(self, step: int, t: float, t_end: float, info: Mapping[str, Scalar] | None = None) -> None:
@@ -90,10 +103,12 @@ class Progress:
         if self.period:
             beat, phase = divmod(t / self.period, 1.0)
             numbers += [f"beat {beat + 1:.0f} at {100 * phase:.0f} %", f"dt {self.dt:.3g} s"]
-        numbers += [f"{name} {number(value)}" for name, value in _newest(info or {})]
+        numbers += [self._said(name, value) for name, value in _newest(info or {})]
         end = f"{format_time(left)} left" if share < 1 else f"in {format_time(wall)}"
         if self.live is not None and self.task is not None and self.console is not None:
             title, text = fitted(self.title, numbers, self.console.width)
+            if share >= 1:
+                self.ended, (title, text) = (title, text), fitted(self.title, [AFTER], self.console.width)
             self.live.update(self.task, description=title, completed=share, text=text, left=end)
         elif self.console is not None and (left is not None or share >= 1):
             end = end if share < 1 else f"done {end}"
@@ -112,6 +127,12 @@ class Progress:
             self.cell = Cell()
         elif self.console.is_terminal and not self.console.is_dumb_terminal:
             self.live, self.task = open_bar(self.console)
+
+    def _said(self, name: str, value: Scalar) -> str:
+        """Return a number with its name and unit."""
+        shown = self.units.of(name)
+        value = shown.factor * value if isinstance(value, float) else value
+        return f"{shown.words} {number(value)} {shown.unit}".rstrip()
 
     def _interval(self) -> float:
         """Return the time between two looks at it [s]."""

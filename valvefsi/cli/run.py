@@ -17,6 +17,7 @@ from valvefsi.cli.progress import Progress
 from valvefsi.cli.tables import in_plan, show_result
 from valvefsi.cli.watch import served
 from valvefsi.errors import CaseError
+from valvefsi.post.columns import Units
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -62,9 +63,10 @@ def run(options: RunCommand) -> None:
         return
     how = {"resume": options.resume, "overwrite": options.overwrite, "allow_change": options.allow_change}
     page = served(folder, comm, trust=options.trust) if options.view else contextlib.nullcontext()
-    with page, Progress(comm, loaded.title or name, period=beat_period(loaded)) as progress:
+    units = Units(system=loaded.output.units, dim=loaded.grid.dim)
+    with page, Progress(comm, loaded.title or name, period=beat_period(loaded), units=units) as progress:
         result = run_case(loaded, out=folder, comm=comm, progress=progress, **how)
-    show_run(result, comm, folder, units=loaded.output.units)
+    show_run(result, comm, folder, units)
 
 
 def _plan(case: Case, comm: MPI.Comm, folder: Path) -> dict[str, Any]:

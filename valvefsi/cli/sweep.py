@@ -14,6 +14,7 @@ from valvefsi.cli.option_groups import options_of
 from valvefsi.cli.options import Anew, CaseFile, JobsOfMembers, Out, PlanMembers, Set, Trust
 from valvefsi.cli.study_plan import print_plan, raise_failed
 from valvefsi.cli.tables import number, print_table
+from valvefsi.post.columns import Units
 
 if TYPE_CHECKING:
     from valvefsi.case import Case
@@ -87,20 +88,27 @@ def _run(options: SweepCommand, study: Sweep, cases: Mapping[str, Case], folder:
         )
     write_tables(options.case, study, outcomes, folder)
     picture = draw_sweep(study, cases, outcomes, folder / "sweep.png")
-    _show(study, outcomes)
+    first = next(iter(cases.values()))
+    _show(outcomes, Units(system=first.output.units, dim=first.grid.dim))
     also = "" if picture is None else f", {picture.name}"
     typer.echo(f"results in {folder / 'sweep.csv'}{also}")
     raise_failed(outcomes, "sweep.json")
 
 
-def _show(study: Sweep, outcomes: list[Outcome]) -> None:
-    """Print the members with their values and a few of their numbers."""
+def _show(outcomes: list[Outcome], units: Units) -> None:
+    """Print the members with a few of their numbers, in the units of their case."""
     from valvefsi.studies.sweep_picture import varying
 
     numbers = dict(list(varying([outcome.summary for outcome in outcomes]).items())[:MOST])
-    sides = {"member": "left", "": "left", **dict.fromkeys(numbers, "right")}
+    shown = {name: units.of(name) for name in numbers}
+    headings = [quantity.heading for quantity in shown.values()]
+    sides = {"member": "left", "": "left", **dict.fromkeys(headings, "right")}
     rows = [
-        (outcome.member.name, outcome.state, *(_cell(float(values[k])) for values in numbers.values()))
+        (
+            outcome.member.name,
+            outcome.state,
+            *(_cell(shown[name].factor * float(values[k])) for name, values in numbers.items()),
+        )
         for k, outcome in enumerate(outcomes)
     ]
     print_table(console(), "members", sides, rows)

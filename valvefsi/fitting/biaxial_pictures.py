@@ -46,7 +46,7 @@ def draw_fit(path: Path, result: BiaxialFit) -> Path:
         blocks,
         x_label="stretch [-]",
         y_label=f"{SYMBOLS[measure]} [kPa]",
-        title=f"Biaxial fit, {result.problem.material.model}",
+        title=f"Biaxial fit, {result.problem.material.model.replace('_', '-')}",
         caption=caption,
     )
 

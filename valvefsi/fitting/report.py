@@ -279,8 +279,9 @@ class Report:
             )
             for walked in self.assessment.profiles
         ]
+        title = f"Profile likelihood, {self.model.replace('_', '-')}"
         caption = "dashed: 95 % threshold, shaded: the interval it leaves"
-        return profiles_picture(path, panels, title=f"Profile likelihood, {self.model}", caption=caption)
+        return profiles_picture(path, panels, title=title, caption=caption)
 
 
 def measures(data: Array, curve: Array, t: Array | None = None) -> dict[str, float]:

@@ -31,8 +31,8 @@ NEIGHBOURS: dict[str, tuple[list[tuple[int, ...]], float]] = {
 """Corners beside each corner of a cell, in DOLFINx' order, and what makes 1 of the best cell."""
 GOOD, POOR = 0.3, 0.1
 """Scaled Jacobians above which a cell is good, and below which it is bad."""
-RAYS, CHUNK = 4000, 256
-"""Facets from which the thickness is looked for at most, and how many of them at once."""
+RAYS, PAIRS = 4000, 1_000_000
+"""Facets from which the thickness is looked for at most, and pairs of a ray and a triangle at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +123,10 @@ def quality_of(mesh: SolidMesh) -> Quality:
 def thickness_through(polygons: Array) -> Array:
     """Return how far a body reaches behind the middle of each of its outer facets, along the normal, ``(n,)`` [cm].
 
+    A facet with four corners is four triangles about its middle, so that the two sides of a twisted sheet agree. Where
+    columns of nodes have one length t it is t times the length of the mean of a facet's unit columns: t cos(a/2) for
+    a bend by an angle a from column to column.
+
     Args:
         polygons: Corners of all outer facets, outward, ``(n, 3 or 4, 3)`` [cm].
 
@@ -131,16 +135,18 @@ def thickness_through(polygons: Array) -> Array:
     """
     from scipy.spatial import cKDTree
 
-    middles = polygons.mean(axis=1)
-    normal = np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, -1] - polygons[:, 0])
+    middles, ahead = polygons.mean(axis=1), np.roll(polygons, -1, axis=1)
+    # About its middle: a diagonal of a facet that is not flat lies beside the surface, by up to half its twist.
+    fan = np.stack([np.broadcast_to(middles[:, None], polygons.shape), polygons, ahead], axis=2)
+    normal = np.cross(polygons - middles[:, None], ahead - middles[:, None]).sum(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    halves = [polygons[:, [0, 1, 2]]] + ([polygons[:, [0, 2, 3]]] if polygons.shape[1] == 4 else [])
-    triangles = np.concatenate(halves)
+    triangles = polygons if polygons.shape[1] == 3 else fan.reshape(-1, 3, 3)
     some = np.arange(0, len(polygons), -(-len(polygons) // RAYS))
     found = np.empty(len(some))
-    for start in range(0, len(some), CHUNK):
-        part = some[start : start + CHUNK]
-        found[start : start + CHUNK] = _reach(middles[part], -normal[part], triangles)
+    chunk = max(1, PAIRS // len(triangles))
+    for start in range(0, len(some), chunk):
+        part = some[start : start + chunk]
+        found[start : start + chunk] = _reach(middles[part], -normal[part], triangles)
     return found[cKDTree(middles[some]).query(middles)[1]]
 
 

@@ -241,5 +241,5 @@ def _place(grid: GridFields, plane: Plane, end: str) -> str:
 
 
 def _caption(grid: GridFields, plane: Plane) -> str:
-    where = "" if grid.dim == 2 else f"{'xyz'[plane.axis]} = {plane.position:g} cm, "
+    where = "" if grid.dim == 2 else f"{'xyz'[plane.axis]} = {10.0 * plane.position:g} mm, "
     return f"{where}t = {grid.t:.4g} s"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from valvefsi.io.folder import sha256
-from valvefsi.post.columns import column_label
+from valvefsi.post.columns import units_of_run
 from valvefsi.report.blocks import Block, Cell, Figure, Section, Table, missing
 from valvefsi.report.evidence import the_evidence
 from valvefsi.report.geometry import the_geometry
@@ -41,15 +41,17 @@ def over_one_another(runs: Mapping[str, Run]) -> Block:
     names = [n for n in names if not DULL.fullmatch(n) and not why_no_order(n)]
     names = [n for n in names if any(np.ptp(history[n]) > 0 for history in histories)]
     names.sort(key=lambda name: (not name.startswith(FIRST), name))
+    units = units_of_run(next(iter(runs.values())).folder)
     panels = []
     for name in names[:MOST]:
-        words, unit, factor = column_label(name)
+        shown = units.of(name)
         curves = [
-            curve(member, run.history["t_s"][kept], factor * run.history[name][kept], k)
+            curve(member, run.history["t_s"][kept], shown.factor * run.history[name][kept], k)
             for k, (member, run) in enumerate(runs.items())
             if len(kept := _kept(run.history.get("t_s", np.zeros(0)))) > 1
         ]
-        panels.append({"label": f"{words} [{pretty(unit) or '-'}]", "unit": pretty(unit), "curves": curves})
+        unit = pretty(shown.unit)
+        panels.append({"label": f"{shown.words} [{unit or '-'}]", "unit": unit, "curves": curves})
     if not panels:
         return missing("The histories of the members are not there, or have nothing in common.")
     drawn, left = ", ".join(str(panel["label"]) for panel in panels), len(names) - len(panels)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from valvefsi.case.valve_report import valve_columns
-from valvefsi.post.columns import column_label
+from valvefsi.post.columns import units_of_run
 from valvefsi.report.blocks import Block, Cell, Figure, Note, Section, Table, missing, packed, picture
 from valvefsi.report.runs import Run
 from valvefsi.report.words import FITTED_PROFILES, PEAKS, PICTURES, defined, definitions, pretty
@@ -82,11 +82,12 @@ def _valve_panels(run: Run, kept: Array) -> list[dict[str, Any]]:
 def _panels(run: Run, kept: Array) -> list[dict[str, Any]]:
     """Return a panel for each unit that columns of a history have, of those that change."""
     groups: dict[str, list[tuple[str, Array]]] = {}
+    units = units_of_run(run.folder)
     for name, values in run.history.items():
         if name in ("step", "t_s") or name.startswith("energy_") or not np.ptp(values) > 0:
             continue
-        words, unit, factor = column_label(name)
-        groups.setdefault(pretty(unit), []).append((words, factor * values[kept]))
+        shown = units.of(name)
+        groups.setdefault(pretty(shown.unit), []).append((shown.words, shown.factor * values[kept]))
     t = run.history["t_s"][kept]
     return [
         {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ from valvefsi.fsi import Model, State
 from valvefsi.grid import Array, MacGrid
 from valvefsi.io.history import read_history
 from valvefsi.post import diagnostics
+from valvefsi.post.columns import Units
 from valvefsi.run.recording import Output, grid_part
 
 if TYPE_CHECKING:
@@ -21,8 +23,22 @@ if TYPE_CHECKING:
 
 ENDED = "the run itself has ended and is kept: --resume makes its pictures and its summary"
 """What to do where what follows a run fails."""
-ALWAYS = {"kinetic_energy_erg": "kinetic energy [erg]", "courant": "Courant number [-]"}
-"""What is drawn where a run has no solid."""
+ASKED: tuple[tuple[str, str], ...] = (
+    (r"flow_(?P<name>.+)_cm3_per_s", "flow"),
+    (r"pressure_(?P<name>.+)_dyn_per_cm2", "pressure"),
+    (r"(?P<name>pdva)_cm2", ""),
+    (r"q_(?P<name>.+)_ml_s", "flow through sides"),
+    (r"p_(?P<name>.+)_mmHg", "pressure outside sides"),
+    (r"(?P<name>u_[xyz]_.+)_cm", ""),
+    (r"(?P<name>.+_post_\d+_inward)_mm", "posts"),
+    (r"(?P<name>force_.+)_(dyn|dyn_per_cm)", "force"),
+    (r"(?P<name>.+_change)_percent", ""),
+)
+"""Columns of what a case asks for, in the order in which they are drawn, and the panel that those of a kind share."""
+DIAGNOSTICS = ("dissipation_erg_per_s", "kinetic_energy_erg", "courant")
+"""What is drawn below them."""
+MOVES = 1e-6
+"""Part of the largest motion below which a point or a volume does not move."""
 
 
 def draw(
@@ -56,14 +72,19 @@ def draw(
     solids = [(solid.cells_on_root(chi), solid.cells_on_root(solid.X)) for solid, chi in _pairs(model, state)]
     flow = _plane(model.grid, state) if model.grid.dim == 2 else None
 
+    units = Units(system=output.units, dim=model.grid.dim)
+
     def pictures() -> dict[str, float]:
+        from valvefsi.post.plots import base as plots
+
         history = read_history(output.directory / "history.csv")
-        _draw_histories(output.directory / "histories.png", history, title, references)
+        panels = usual_panels(history, units, references)
+        plots.histories(output.directory / "histories.png", history["t_s"], panels, title=title)
         if output.energy:
-            _draw_energy(output.directory / "energy.png", history, title)
+            _draw_energy(output.directory / "energy.png", history, units, title)
         if flow is not None:
             caption = f"t = {state.t:.4g} s"
-            _draw_flow(output.directory / "flow.png", model.grid, flow, solids, (title, caption))
+            _draw_flow(output, model.grid, flow, solids, (title, caption))
         if output.lines:
             _draw_lines(output, model.grid.dim, title)
         return {name: values[-1] for name, values in history.items()}
@@ -90,43 +111,67 @@ def _plane(grid: MacGrid, state: State) -> tuple[Array, Array] | None:
     return u, p
 
 
-def _draw_histories(
-    path: Path,
-    history: Mapping[str, list[float]],
-    title: str,
-    references: Mapping[str, tuple[str, float]],
-) -> None:
-    from valvefsi.post.plots import base as plots
-
-    plots.histories(path, history["t_s"], usual_panels(history, references), title=title)
-
-
 def usual_panels(
-    history: Mapping[str, Sequence[float] | Array], references: Mapping[str, tuple[str, float]] | None = None
+    history: Mapping[str, Sequence[float] | Array],
+    units: Units,
+    references: Mapping[str, tuple[str, float]] | None = None,
 ) -> list[Series]:
-    """Return the panels of ``histories.png``: what moves or changes its volume, else energy and Courant number.
+    """Return the panels of ``histories.png``: what the case asks for first, energy and Courant number last.
 
     Args:
         history: The columns of the history.
-        references: Line and its value by column.
+        units: The units to show them in.
+        references: Line and its value by column, in the column's unit.
     """
+    references = references or {}
+    found = []
+    for title, names in _kinds(history, references):
+        for start in range(0, len(names), 6):  # the colours of a panel
+            found.append(_panel(history, names[start : start + 6], units, title, references))
+    return found
+
+
+def _kinds(
+    history: Mapping[str, Sequence[float] | Array], references: Mapping[str, tuple[str, float]]
+) -> list[tuple[str, list[str]]]:
+    """Return the heading and columns of each panel, the heading "" of one column that goes by its own name."""
+    kinds: list[tuple[str, list[str]]] = []
+    moving = [name for name in history if re.fullmatch(r"u_[xyz]_.+_cm|.+_change_percent", name)]
+    most = max((float(np.ptp(history[name])) for name in moving), default=0.0)
+    for pattern, title in ASKED:
+        names = [name for name in history if re.fullmatch(pattern, name) and name not in DIAGNOSTICS]
+        names = [n for n in names if n not in moving or n in references or np.ptp(history[n]) >= MOVES * most]
+        apart = [name for name in names if not title or name in references]
+        kinds += [(title, [n for n in names if n not in apart])] if len(apart) < len(names) else []
+        kinds += [("", [name]) for name in apart]
+    return kinds + [("", [name]) for name in DIAGNOSTICS if name in history]
+
+
+def _panel(
+    history: Mapping[str, Sequence[float] | Array],
+    names: Sequence[str],
+    units: Units,
+    title: str,
+    references: Mapping[str, tuple[str, float]],
+) -> Series:
+    """Return one panel: a column by its name, or several of a kind."""
     from valvefsi.post.plots import base as plots
 
-    series, references = [], references or {}
-    moved = [n for n in history if n.startswith("u_")]
-    chosen = moved + [n for n in history if n.endswith("_change_percent")] or list(ALWAYS)
-    for name in chosen:
-        line, value = references.get(name, ("", None))
-        if value is None and np.ptp(history[name]) < 1e-6 * max(np.ptp(history[n]) for n in chosen):
-            continue  # what moves a millionth of the rest does not move
-        panel = plots.Series(
-            label=_label(name), lines={name: history[name]}, reference=value, reference_label=line
-        )
-        series.append(panel)
-    return series
+    shown = {name: units.of(name) for name in names}
+    first = shown[names[0]]
+    line, value = references.get(names[0], ("", None))
+    return plots.Series(
+        label=plots.typeset(f"{title} [{first.unit or '-'}]" if len(names) > 1 else first.label),
+        lines={
+            q.words.removeprefix(f"{title} "): q.factor * np.asarray(history[name])
+            for name, q in shown.items()
+        },
+        reference=None if value is None else first.factor * value,
+        reference_label=line,
+    )
 
 
-def _draw_energy(path: Path, history: Mapping[str, list[float]], title: str) -> None:
+def _draw_energy(path: Path, history: Mapping[str, list[float]], units: Units, title: str) -> None:
     """Draw the terms of the balance of energy over time, and beside them what each body stores and loses."""
     from valvefsi.post.plots import base as plots
 
@@ -134,10 +179,14 @@ def _draw_energy(path: Path, history: Mapping[str, list[float]], title: str) -> 
     bodies = {name: n for name, n in terms.items() if name.startswith(("stored_", "lost_"))}
     left = {name: terms[name] for name in ("residual",)}
     fluid = {name: n for name, n in terms.items() if name not in bodies and name not in left}
+    energy = units.of("energy_erg")
     panels = [
         plots.Series(
-            label=f"{what} [mJ]",
-            lines={name.replace("_", " ", 1): [1e-4 * v for v in history[n]] for name, n in group.items()},
+            label=f"{what} [{energy.unit}]",
+            lines={
+                name.replace("_", " ", 1): [energy.factor * v for v in history[n]]
+                for name, n in group.items()
+            },
         )
         for what, group in (("fluid", fluid), ("bodies", bodies), ("left", left))
         if group
@@ -168,18 +217,8 @@ def _draw_lines(output: Output, dim: int, title: str) -> None:
         draw_plane(output.directory, output.directory, plane=plane, field=field, lines=lines)
 
 
-def _label(column: str) -> str:
-    """Axis label of a column of the history, the part before its unit in words."""
-    if column in ALWAYS:
-        return ALWAYS[column]
-    words, _, unit = column.rpartition("_")
-    if column.startswith("u_"):
-        return f"$u_{words[2]}$, {words[4:].replace('_', ' ')} [{unit}]"
-    return f"{words.replace('_', ' ')} [%]"
-
-
 def _draw_flow(
-    path: Path, grid: MacGrid, flow: tuple[Array, Array], solids: list[Any], heading: tuple[str, str]
+    output: Output, grid: MacGrid, flow: tuple[Array, Array], solids: list[Any], heading: tuple[str, str]
 ) -> None:
     from valvefsi.post.plots import base as plots
 
@@ -189,7 +228,8 @@ def _draw_flow(
         plots.PlaneSolid(points=points, cells=cells, J=J, outline=_outline(*first[:2]))
         for (points, cells, J), first in solids
     ]
-    plots.flow_and_solid(path, plane, drawn, title=heading[0], caption=heading[1])
+    units, path = Units(system=output.units, dim=grid.dim), output.directory / "flow.png"
+    plots.flow_and_solid(path, plane, drawn, title=heading[0], caption=heading[1], units=units)
 
 
 def _outline(points: Array, cells: Mapping[int, Array]) -> Array:

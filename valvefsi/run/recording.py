@@ -139,6 +139,7 @@ class Output:
         stress: Names of the stresses and strains written beside the frames, as a series ``NAME_stress``; see
             `valvefsi.solid.stress.QUANTITIES`.
         provenance: What is kept with every checkpoint.
+        units: Units of the pictures, "lab" or "cgs".
     """
 
     directory: Path
@@ -160,6 +161,7 @@ class Output:
     dissipation: bool = False
     stress: tuple[str, ...] = ()
     provenance: Mapping[str, object] = field(default_factory=dict)
+    units: str = "lab"
 
 
 def grid_part(array: Array, place: tuple[slice, ...]) -> Array:

@@ -15,16 +15,13 @@ from valvefsi.case.reading import nearest_file
 from valvefsi.errors import CaseError, SurroundingsError
 from valvefsi.io.grid_files import nearest_time
 from valvefsi.io.history import read_history
-from valvefsi.post.columns import COLUMNS, ending
-from valvefsi.post.plots.base import Series, ShownFigure, history_figure
+from valvefsi.post.columns import COLUMNS, ending, units_of_run
+from valvefsi.post.plots.base import Series, ShownFigure, history_figure, typeset
 from valvefsi.run.pictures import usual_panels
 from valvefsi.runtime.installing import how_to_add, pip_command
 
 if TYPE_CHECKING:
     from valvefsi.types import Array
-
-LOOP = ("p_", "q_", "pdva_")
-"""How the columns of circuits and of a valve's area begin."""
 
 
 class History(Mapping[str, "Array"]):
@@ -124,8 +121,7 @@ class Result:
         """Draw the history.
 
         Args:
-            columns: Columns to draw, those with the same unit in one panel; displacements, changes of volume, flows,
-                pressures and a valve's area when left out.
+            columns: Columns to draw, those with the same unit in one panel; those of ``histories.png`` when left out.
             title: Heading.
 
         Returns:
@@ -138,23 +134,21 @@ class Result:
             if name not in self.history:
                 reason = f"no such column{nearest(name, list(self.history))}"
                 raise CaseError(reason, file=self.folder / "history.csv", key="columns", value=name)
-        loop = [name for name in self.history if name.startswith(LOOP)]
-        panels = self._panels(columns) if columns else [*usual_panels(self.history), *self._panels(loop)]
+        panels = self._panels(columns) if columns else usual_panels(self.history, units_of_run(self.folder))
         return history_figure(self.history["t_s"], panels, title=title or self.folder.resolve().name)
 
     def _panels(self, columns: tuple[str, ...] | list[str]) -> list[Series]:
         """Return a panel for each unit."""
-        by_unit: dict[str, dict[str, Array]] = {}
+        units = units_of_run(self.folder)
+        by_unit: dict[str, list[str]] = {}
         for name in columns:
-            end = ending(name)
-            words = (name.removesuffix(f"_{end}") if end else name).replace("_", " ")
-            by_unit.setdefault(self.history.units[name], {})[words] = self.history[name]
-        return [
-            Series(
-                label=f"{next(iter(lines)) if len(lines) == 1 else ''} [{unit or '-'}]".strip(), lines=lines
-            )
-            for unit, lines in by_unit.items()
-        ]
+            by_unit.setdefault(units.of(name).unit, []).append(name)
+        panels = []
+        for unit, names in by_unit.items():
+            label = f"[{unit or '-'}]" if len(names) > 1 else units.of(names[0]).label
+            lines = {units.of(name).words: units.of(name).factor * self.history[name] for name in names}
+            panels.append(Series(label=typeset(label), lines=lines))
+        return panels
 
     def fields(self, t: float | None = None, of: str = "fluid") -> Any:
         """Return the fields that the run has written nearest to a time.

@@ -23,6 +23,7 @@ from valvefsi.errors import (
     raise_together,
     reason_of,
 )
+from valvefsi.post.columns import Units
 from valvefsi.scripting.result import Result
 
 
@@ -70,7 +71,9 @@ def simulate(
         folder = Path(out) if out is not None else _usual_folder(case)
         loaded = _load(case, [*(overrides or {}).items(), *_dotted(keys)], trust)
         options = {"resume": resume, "overwrite": overwrite, "allow_change": allow_change}
-        with Progress(comm, loaded.title or folder.name, period=beat_period(loaded)) as shown:
+        units = Units(system=loaded.output.units, dim=loaded.grid.dim)
+        title, period = loaded.title or folder.name, beat_period(loaded)
+        with Progress(comm, title, period=period, units=units) as shown:
             run_case(loaded, out=folder, comm=comm, progress=shown if progress else None, **options)
     return Result(folder)
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from valvefsi import __version__
 from valvefsi.io.folder import write_text
+from valvefsi.post.columns import units_of_run
 from valvefsi.studies.grid_study import GridStudy
 from valvefsi.studies.members import Outcome, Values
 from valvefsi.studies.sweep_picture import FIRST, headlines
@@ -164,7 +165,8 @@ def draw_verification(
     if len(result["grids"]) < 2:
         return None
     rows = {row["quantity"]: row for row in result["quantities"]}
-    summary = next(o.summary for o in outcomes if o.member.name == result["grids"][-1]["member"])
+    finest = next(o for o in outcomes if o.member.name == result["grids"][-1]["member"])
+    summary = finest.summary
     first = [name for name in _paths(summary) if name in rows]
     changing = [name for name in first if rows[name]["kind"] not in ("unchanged", "no order")][:MOST]
     numbers = [
@@ -197,6 +199,7 @@ def draw_verification(
         expected=study.expected,
         title=title or "grids",
         caption=caption,
+        units=units_of_run(finest.folder),
     )
     return refinement_picture(path, picture)
 

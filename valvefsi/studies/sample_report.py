@@ -14,6 +14,7 @@ import numpy as np
 from valvefsi import __version__
 from valvefsi.case.sample_tables import SampleStudy
 from valvefsi.io.folder import write_text
+from valvefsi.post.columns import Units, name_of
 from valvefsi.studies.members import Values
 from valvefsi.studies.sampling import Sampling
 from valvefsi.types import Array
@@ -126,7 +127,6 @@ def draw_samples(sampling: Sampling, outputs: Mapping[str, Array], result: Value
         The path, None where no output has any.
     """
     from valvefsi.post.plots.sensitivity import SensitivityPanel, sensitivity_picture
-    from valvefsi.post.plots.sweep import name_of
 
     panels = []
     for row in [row for row in result["outputs"] if row["indices"]][:DRAWN]:
@@ -136,9 +136,10 @@ def draw_samples(sampling: Sampling, outputs: Mapping[str, Array], result: Value
         column = _strongest_input(sampling, strongest, y)
         unit = sampling.inputs.units[column]
         name = sampling.inputs.names[column]
+        shown = Units().of(name_of(row["output"]))
         panels.append(
             SensitivityPanel(
-                name=name_of(row["output"]),
+                name=shown.label.removesuffix(" [-]"),
                 groups=[one["group"] for one in indices],
                 first=_column(indices, "first"),
                 first_interval=_column(indices, "first_interval"),
@@ -146,8 +147,12 @@ def draw_samples(sampling: Sampling, outputs: Mapping[str, Array], result: Value
                 total_interval=_column(indices, "total_interval"),
                 x=sampling.values[:, column],
                 x_label=f"{name} [{unit}]" if unit else name,
-                y=y,
-                interval=(row["low"], row["median"], row["high"]),
+                y=shown.factor * y,
+                interval=(
+                    shown.factor * row["low"],
+                    shown.factor * row["median"],
+                    shown.factor * row["high"],
+                ),
                 text=_told(row),
             )
         )

@@ -11,6 +11,7 @@ import numpy as np
 from valvefsi.case.models import Case
 from valvefsi.case.valve_report import has_valve, missing_columns, pump_of, valve_columns
 from valvefsi.io.history import read_history
+from valvefsi.post.columns import Units
 from valvefsi.studies.members import Outcome
 from valvefsi.studies.sweep import Sweep
 
@@ -74,6 +75,7 @@ def draw_sweep(
             waves=waves if any(waves) else (),
             members=[", ".join(_said(sweep, k, n, alone=not rest) for n in (first, *rest)) for k in shown],
             title=case.title or "sweep",
+            units=Units(system=case.output.units, dim=case.grid.dim),
             caption=f"{text} over {' and '.join(p.short.replace('_', ' ') for p in sweep.parameters)}",
         ),
     )

@@ -17,7 +17,9 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
 from valvefsi.io.folder import replacing
+from valvefsi.post.columns import LAB, Units
 from valvefsi.post.plots.paper import for_paper, save_for_paper
+from valvefsi.post.plots.ticks import length_axes, tick_texts
 from valvefsi.types import Array
 
 if TYPE_CHECKING:
@@ -37,7 +39,9 @@ CORNERS = {5: 3, 9: 4, 22: 3, 28: 4, 69: 3, 70: 4}
 """Corners of the plane cells of VTK, the first nodes of each."""
 POWERS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 SEEN = 0.012
-"""Width of a band over the range of an axis, above which it can be seen beside a line."""
+"""Width of a band over the length of an axis, above which it can be seen beside a line."""
+PART = 0.1
+"""Part of a line along which its band must be seen."""
 STYLE = {
     "font.family": "sans-serif",
     "font.size": 10.0,
@@ -116,7 +120,13 @@ class Series:
 
 
 def flow_and_solid(
-    path: Path, flow: PlaneFlow, solids: Sequence[PlaneSolid], *, title: str = "", caption: str = ""
+    path: Path,
+    flow: PlaneFlow,
+    solids: Sequence[PlaneSolid],
+    *,
+    title: str = "",
+    caption: str = "",
+    units: Units = LAB,
 ) -> Path:
     """Draw deformed solids, coloured by J, over the flow.
 
@@ -126,6 +136,7 @@ def flow_and_solid(
         solids: The solids.
         title: Heading.
         caption: Second line under it.
+        units: Units of the lengths.
 
     Returns:
         The path.
@@ -140,7 +151,8 @@ def flow_and_solid(
         bottom = 1.4 / height
         axes = figure.add_axes((left, bottom, share, tall / height))
         bars = [_draw_flow(axes, flow, extent), *_draw_solids(axes, solids)]
-        axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x [cm]", ylabel="y [cm]")
+        axes.set(xlim=extent[:2], ylim=extent[2:])
+        length_axes(axes, units)
         axes.set_aspect("equal")
         span = (share - 0.09) / 2
         for number, (mappable, label) in enumerate(bars):
@@ -250,11 +262,11 @@ def _draw_flow(axes: Axes, flow: PlaneFlow, extent: tuple[float, ...]) -> tuple[
     image = {"origin": "lower", "extent": extent, "interpolation": "bilinear", "zorder": 0}
     if flow.pressure is None:
         shown = (
-            axes.imshow(speed.T, cmap=FLOW, vmin=0.0, vmax=_round_up(largest), **image),
+            axes.imshow(speed.T, cmap=FLOW, vmin=0.0, vmax=round_up(largest), **image),
             "fluid speed [cm/s]",
         )
     else:
-        reach = _round_up(float(np.abs(flow.pressure).max()))
+        reach = round_up(float(np.abs(flow.pressure).max()))
         background = axes.imshow(flow.pressure.T, cmap=PRESSURE, vmin=-reach, vmax=reach, **image)
         shown = (background, "pressure [dyn/cm$^2$]")
     if largest > 0:
@@ -269,7 +281,7 @@ def _draw_solids(axes: Axes, solids: Sequence[PlaneSolid]) -> list[tuple[ScalarM
     """Draw the cells coloured by J; 1 is at the middle of the scale."""
     if not solids:
         return []
-    reach = max(_round_up(max(float(np.abs(solid.J - 1).max()) for solid in solids)), 1e-3)
+    reach = max(round_up(max(float(np.abs(solid.J - 1).max()) for solid in solids)), 1e-3)
     scale = ScalarMappable(Normalize(1 - reach, 1 + reach), DILATION)
     for solid in solids:
         ends = np.cumsum([len(polygons) for polygons in solid.polygons])[:-1]
@@ -279,10 +291,10 @@ def _draw_solids(axes: Axes, solids: Sequence[PlaneSolid]) -> list[tuple[ScalarM
             axes.add_collection(cells)
         if solid.outline is not None:
             axes.plot(*np.asarray(solid.outline).T, color=INK, linewidth=1.0, dashes=(4, 3), zorder=4)
-    return [(scale, "$J = \\det F$ [-]")]
+    return [(scale, "$J = \\det F$, mean of each cell [-]")]
 
 
-def _round_up(value: float) -> float:
+def round_up(value: float) -> float:
     """Return the next number of the kind 1, 1.2, 1.6, 2, 3, 4, 5, 6, 8 times a power of ten; 1 for 0."""
     if not value > 0:
         return 1.0
@@ -317,31 +329,28 @@ def _bar(figure: Figure, place: tuple[float, ...], mappable: ScalarMappable, lab
     bar.set_ticks(ticks, labels=tick_texts(ticks))
 
 
-def tick_texts(ticks: Sequence[float] | Array) -> list[str]:
-    """Return even ticks as texts that differ, with as many decimals as that takes, or powers of ten."""
-    largest, step = float(np.max(np.abs(ticks))), float(np.ptp(ticks)) / max(len(ticks) - 1, 1)
-    if not step > 0:
-        return [f"{tick:.4g}" for tick in ticks]
-    power = int(np.floor(np.log10(largest))) if largest >= 1e5 or largest < 1e-3 else 0
-    scaled = np.asarray(ticks) / 10.0**power
-    decimals = max(0, int(np.ceil(-np.log10(step / 10.0**power))) + 1)
-    texts = [f"{tick + 0.0:.{decimals}f}" for tick in scaled]
-    while decimals and all(text.endswith("0") for text in texts):
-        decimals -= 1
-        texts = [f"{tick + 0.0:.{decimals}f}" for tick in scaled]
-    if not power:
-        return texts
-    return ["0" if float(text) == 0 else f"${text} \\cdot 10^{{{power}}}$" for text in texts]
-
-
 def typeset(text: str) -> str:
     """Return a text with its powers, as in 64^3 and cm^2, set as such."""
     return re.sub(r"\^(-?\d+)", lambda found: found[1].translate(POWERS), text)
 
 
-def can_be_seen(band: Array, values: Array) -> bool:
-    """Whether a band of half a width about values is wider than the line drawn through them."""
-    return bool(2.0 * np.max(band, initial=0.0) > SEEN * np.ptp(values))
+def can_be_seen(band: Array, values: Array, *, x: Array | None = None, frame: tuple[float, float]) -> bool:
+    """Whether a band is wider than the line it lies about, over a tenth of the line at least.
+
+    Args:
+        band: Half its width along the ordinate, ``(n,)``.
+        values: The line, ``(n,)``.
+        x: Its abscissa, even if left out, ``(n,)``.
+        frame: Lengths of the two axes as they are drawn, in units of the abscissa and the ordinate.
+
+    Note:
+        A steep line hides a band along the ordinate: what counts is its width across the line.
+    """
+    x = np.linspace(0.0, frame[0], len(values)) if x is None else np.asarray(x)
+    steps = np.hypot(np.diff(x) / frame[0], np.diff(values) / frame[1])
+    across = np.divide(np.abs(np.diff(x)) / frame[0], steps, out=np.ones_like(steps), where=steps > 0)
+    wide = (band[1:] + band[:-1]) / frame[1] * across > SEEN
+    return bool(steps[wide].sum() > PART * steps.sum())
 
 
 def _headings(figure: Figure, x: float, top: float, title: str, caption: str, height: float) -> None:
@@ -366,6 +375,26 @@ def legend_above(axes: Axes, columns: int = 4) -> None:
     """Put the legend of axes above them, to the right, where it covers no curve."""
     place = {"loc": "lower right", "bbox_to_anchor": (1.01, 0.99), "ncols": columns, "handlelength": 1.6}
     axes.legend(frameon=False, fontsize=8.5, labelcolor=MUTED, **place)
+
+
+def draw_bar(axes: Axes, place: tuple[float, float], size: float, millimetre: float = 1.0) -> None:
+    """Draw a scale bar of a round length of up to a quarter of a size, and say its length.
+
+    Args:
+        axes: Axes without a frame.
+        place: Its left end.
+        size: How far the body reaches, in units of the axes.
+        millimetre: A millimetre in units of the axes.
+    """
+    wanted = 0.25 * size / millimetre
+    power = 10.0 ** np.floor(np.log10(wanted))
+    bar = max(k * power for k in (1.0, 2.0, 5.0, 10.0) if k * power <= wanted * (1 + 1e-9))
+    (left, level), length = place, bar * millimetre
+    axes.plot(
+        [left, left + length], [level, level], color=INK, linewidth=2.2, solid_capstyle="butt", zorder=6
+    )
+    look = {"ha": "left", "va": "center", "fontsize": 8.5, "color": INK}
+    axes.text(left + length + 0.015 * size, level, f"{bar:g} mm", **look)
 
 
 def headings(figure: Figure, title: str, caption: str) -> None:

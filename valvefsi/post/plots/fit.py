@@ -124,7 +124,7 @@ def blocks_picture(
             upper, lower = _panel(figure, places[row, column], block, limits)
             if column == 0:
                 upper.set_ylabel(y_label)
-                lower.set_ylabel("residual", fontsize=8.5)
+                lower.set_ylabel(f"residual\n{y_label[y_label.find('[') :]}", fontsize=8.5)
                 figure.align_ylabels([upper, lower])
             else:
                 upper.tick_params(labelleft=False)
@@ -221,8 +221,8 @@ def _legend(figure: Figure, blocks: Sequence[Block]) -> None:
     handles.append(Line2D([], [], color=MUTED, marker="o", linestyle="none", markersize=4, label="data"))
     curves = [curve for block in blocks for curve in block.curves]
     if any(curve.band is not None for curve in curves):
-        whole = np.concatenate([curve.curve for curve in curves])
-        seen = any(curve.band is not None and can_be_seen(curve.band, whole) for curve in curves)
+        height = float(np.ptp(np.concatenate([curve.curve for curve in curves])))
+        seen = any(_seen(block, curve, height) for block in blocks for curve in block.curves)
         said = "95 % band of the curve" if seen else "95 % band, narrower than the line"
         handles.append(Patch(color=MUTED, alpha=0.3, label=said))
     if any(block.predicted for block in blocks):
@@ -234,6 +234,14 @@ def _legend(figure: Figure, blocks: Sequence[Block]) -> None:
     figure.legend(
         handles=handles, loc="upper right", bbox_to_anchor=place, ncols=5, frameon=False, fontsize=8.5
     )
+
+
+def _seen(block: Block, curve: Curve, height: float) -> bool:
+    """Whether the band of a curve can be seen in its panel, whose ordinate is of some length."""
+    if curve.band is None or not np.isfinite(curve.band).all():
+        return False
+    x = np.concatenate([each.x for each in block.curves])
+    return can_be_seen(curve.band, curve.curve, x=curve.x, frame=(float(np.ptp(x)), height))
 
 
 def _profile(axes: Axes, panel: ProfilePanel) -> None:

@@ -13,7 +13,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from valvefsi.post.plots.base import LINES, MUTED, STYLE, headings, plain, saved
+from valvefsi.post.plots.base import LINES, MUTED, STYLE, draw_bar, headings, plain, saved
+from valvefsi.post.plots.ticks import EvenTicks
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -66,11 +67,13 @@ def free_edges(
             colour = LINES[k % len(LINES)]
             line = {"color": colour, "linestyle": dashes, "linewidth": 1.6, "label": f"leaflet {k + 1}"}
             below.plot(t, edges["middles"][:, k], **line)
-        below.set(xlabel="t [s]", ylabel="middle of the free edge\nfrom the axis [cm]")
+        below.set(xlabel="t [s]", ylabel="middle of the free edge\nfrom the axis [mm]")
+        below.yaxis.set_major_formatter(EvenTicks(10.0))
         below.margins(x=0)
         plain(below)
         below.legend(frameon=False, fontsize=8.5, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
-        headings(figure, title, caption)
+        orifice = f"orifice {20.0 * radius:.3g} mm across"
+        headings(figure, title, f"{caption}; {orifice}" if caption else orifice)
         return saved(figure, path)
 
 
@@ -95,7 +98,8 @@ def _end_on(figure: Figure, axes: Axes, edges: Mapping[str, Array], chosen: Indi
             )
         )
     axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=MUTED, linewidth=1.0))
-    axes.set(xlim=(-1.08 * radius, 1.08 * radius), ylim=(-1.08 * radius, 1.08 * radius), aspect="equal")
+    axes.set(xlim=(-1.08 * radius, 1.08 * radius), ylim=(-1.2 * radius, 1.08 * radius), aspect="equal")
+    draw_bar(axes, (-1.04 * radius, -1.13 * radius), 2.0 * radius, 0.1)
     axes.set_axis_off()
     place = axes.get_position()
     bar = figure.add_axes((place.x1 + 0.005, place.y0 + 0.06, 0.014, place.height - 0.12))

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from valvefsi.post.plots.base import LINES, MUTED, STYLE, headings, plain, saved
+from valvefsi.post.plots.ticks import length_axes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -77,7 +78,9 @@ def draw_profiles(path: Path, profiles: Mapping[str, Profile], *, title: str = "
                 _panel(axes, columns, column, _range(profiles, column))
                 axes.set_ylabel(_told(column) if k % across == 0 else "")
                 axes.tick_params(labelleft=k % across == 0)
-                axes.set_xlabel(f"{_along(columns)[0]} [cm]" if down == len(shown) - 1 else "")
+                length_axes(axes, names=_along(columns)[:1])
+                if down < len(shown) - 1:
+                    axes.set_xlabel("")
                 if down == 0:
                     axes.set_title(f"{name}\n{_where(columns)}", fontsize=9)
         headings(figure, title, caption)
@@ -115,7 +118,7 @@ def _along(columns: Profile) -> tuple[str, Array]:
 
 def _where(columns: Profile) -> str:
     still = [axis for axis in "xyz" if f"{axis}_cm" in columns and np.ptp(columns[f"{axis}_cm"]) <= 1e-9]
-    return ", ".join(f"{axis} = {columns[f'{axis}_cm'][0]:.3g} cm" for axis in still)
+    return ", ".join(f"{axis} = {10.0 * columns[f'{axis}_cm'][0]:.3g} mm" for axis in still)
 
 
 def _told(column: str) -> str:

@@ -12,8 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
-from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, headings, plain, saved
-from valvefsi.post.plots.sweep import label_of
+from valvefsi.post.columns import LAB, Units
+from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, headings, plain, saved, typeset
+from valvefsi.post.plots.ticks import EvenTicks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,6 +57,7 @@ class RefinementPicture:
         expected: Expected order, drawn as a slope.
         title: Heading.
         caption: Second line under it.
+        units: Units of the numbers.
     """
 
     h: Sequence[float]
@@ -64,6 +66,7 @@ class RefinementPicture:
     expected: float
     title: str = ""
     caption: str = ""
+    units: Units = LAB
 
 
 def refinement_picture(path: Path, picture: RefinementPicture) -> Path:
@@ -87,7 +90,7 @@ def refinement_picture(path: Path, picture: RefinementPicture) -> Path:
             grid = figure.add_gridspec(rows, COLUMNS, hspace=GAP / ROW, wspace=0.3, **place, **ends)
             for number, one in enumerate(picture.numbers):
                 axes = figure.add_subplot(grid[number // COLUMNS, number % COLUMNS])
-                _draw_number(axes, 10.0 * np.asarray(picture.h), one)
+                _draw_number(axes, 10.0 * np.asarray(picture.h), one, picture.units)
                 if number + COLUMNS >= len(picture.numbers):
                     axes.set_xlabel("h [mm]", fontsize=9)
         if picture.waves:
@@ -98,9 +101,10 @@ def refinement_picture(path: Path, picture: RefinementPicture) -> Path:
         return saved(figure, path)
 
 
-def _draw_number(axes: Axes, h: np.ndarray, one: RefinedNumber) -> None:
+def _draw_number(axes: Axes, h: np.ndarray, one: RefinedNumber, units: Units) -> None:
     values = np.asarray(one.values, dtype=float)
-    label, factor = label_of(one.name, float(np.abs(values).max(initial=0.0)))
+    quantity = units.of(one.name)
+    label, factor = typeset(quantity.label.removesuffix(" [-]")), quantity.factor
     values = factor * values
     axes.plot(h, values, "o-", color=LINES[0], markersize=4.5, linewidth=1.5, clip_on=False, zorder=3)
     if one.uncertainty is not None:
@@ -118,7 +122,7 @@ def _draw_number(axes: Axes, h: np.ndarray, one: RefinedNumber) -> None:
     axes.margins(y=0.16)
     axes.tick_params(labelsize=8.5)
     axes.yaxis.set_major_locator(MaxNLocator(4, min_n_ticks=3))
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.6g}".replace("-", "\N{MINUS SIGN}"))
+    axes.yaxis.set_major_formatter(EvenTicks())
 
 
 def _draw_waves(axes: Axes, picture: RefinementPicture) -> None:
@@ -132,7 +136,13 @@ def _draw_waves(axes: Axes, picture: RefinementPicture) -> None:
         said = "" if order is None else f", order {order:.2f}"
         style = {"color": colour, "markersize": 4.5, "linewidth": 1.5}
         shape = f"{marks[number % len(marks)]}-"
-        axes.plot(h, 100 * np.asarray(gaps), shape, label=f"{_short(label_of(name, 1.0)[0])}{said}", **style)
+        axes.plot(
+            h,
+            100 * np.asarray(gaps),
+            shape,
+            label=f"{_short(typeset(picture.units.of(name).label))}{said}",
+            **style,
+        )
     largest = 100 * max(gaps[0] for gaps, _ in picture.waves.values())
     slope = largest * (h / h[0]) ** picture.expected
     axes.plot(h, slope, color=INK, linewidth=1.0, dashes=(5, 3), label=f"slope {picture.expected:g}")

@@ -13,8 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, headings, plain, saved
-from valvefsi.post.plots.sweep import label_of
+from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, headings, plain, saved, typeset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,7 +102,7 @@ def _draw_bars(axes: Axes, panel: SensitivityPanel, *, last: bool) -> None:
         axes.errorbar(shown, rows + place, xerr=about, fmt="none", **bars)
     axes.set_yticks(rows, [panel.groups[k] for k in order])
     axes.set_xlim(-0.02, 1.1)
-    axes.set_title(_scaled(panel)[0], fontsize=9.5, loc="left", pad=16)
+    axes.set_title(typeset(panel.name), fontsize=9.5, loc="left", pad=16)
     axes.annotate(panel.text, (0.0, 1.03), xycoords="axes fraction", fontsize=8, color=MUTED, va="bottom")
     plain(axes)
     axes.grid(axis="y", visible=False)
@@ -112,19 +111,12 @@ def _draw_bars(axes: Axes, panel: SensitivityPanel, *, last: bool) -> None:
         axes.set_xlabel("part of the variance", fontsize=9)
 
 
-def _scaled(panel: SensitivityPanel) -> tuple[str, float]:
-    """Return what an output is called at an axis, and the factor to the unit that stands there."""
-    known = np.abs(panel.y[np.isfinite(panel.y)])
-    return label_of(panel.name, float(np.max(known, initial=0.0)))
-
-
 def _draw_samples(axes: Axes, panel: SensitivityPanel) -> None:
-    factor = _scaled(panel)[1]
-    low, median, high = (factor * end for end in panel.interval)
+    low, median, high = panel.interval
     axes.axhspan(low, high, color=LINES[4], alpha=0.18, linewidth=0, zorder=1)
     axes.axhline(median, color=LINES[4], linewidth=1.2, zorder=2)
     size = 10.0 if len(panel.x) < 400 else 3.0
-    axes.scatter(panel.x, factor * panel.y, s=size, color=LINES[0], linewidths=0, alpha=0.6, zorder=3)
+    axes.scatter(panel.x, panel.y, s=size, color=LINES[0], linewidths=0, alpha=0.6, zorder=3)
     axes.set_xlabel(re.sub(r"\^(-?\d)", r"$^{\1}$", panel.x_label), fontsize=9)
     spread = f"{median:.4g} ({low:.4g} to {high:.4g})"
     axes.set_title(spread.replace("-", "\N{MINUS SIGN}"), fontsize=9, loc="left", pad=5, color=INK)

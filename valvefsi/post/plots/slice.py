@@ -12,6 +12,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from valvefsi.post.plots.base import INK, MUTED, STYLE, saved
+from valvefsi.post.plots.ticks import length_axes
 from valvefsi.post.slices import Slice, scale_of
 from valvefsi.types import Array
 
@@ -69,7 +70,7 @@ def draw_slice(
             )
         axes.add_collection(LineCollection(lines, colors=ink, linewidths=1.0, linestyles="--", zorder=4))
         axes.set(xlim=found.x[[0, -1]], ylim=found.y[[0, -1]], aspect="equal")
-        axes.set(xlabel=f"{found.axes[0]} [cm]", ylabel=f"{found.axes[1]} [cm]")
+        length_axes(axes, names=found.axes)
         bar = figure.add_axes((place[0] + place[2] + 0.2 / whole[0], place[1], 0.16 / whole[0], place[3]))
         unit = f" [{found.unit.replace('^2', '²')}]" if found.unit else ""
         figure.colorbar(picture, cax=bar, label=f"{found.name.replace('_', ' ')}{unit}")

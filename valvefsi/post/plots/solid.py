@@ -25,7 +25,9 @@ from matplotlib.ticker import MaxNLocator
 from valvefsi.errors import CaseError
 from valvefsi.io.series import read_times
 from valvefsi.io.solid_body import CORNERS, Body, outer_faces, read_body
-from valvefsi.post.plots.base import DILATION, INK, STYLE, headings, saved, tick_texts, typeset
+from valvefsi.post.columns import LAB, Units, units_of_run
+from valvefsi.post.plots.base import DILATION, INK, STYLE, headings, round_up, saved, typeset
+from valvefsi.post.plots.ticks import EvenTicks, length_axes, tick_texts
 from valvefsi.units import KILOPASCAL, PASCAL
 
 if TYPE_CHECKING:
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 HEAT = mpl.colormaps["viridis"]
 CGS = "[dyn/cm^2]"
 """Unit of stresses in files; pictures have kPa, or Pa below `SMALL`."""
+NODAL_J = "$J = \\det F$, mean of the cells at each node"
+"""What is drawn of J, which differs from point to point of a cell."""
 SMALL = 1e3
 """Largest stress that is shown in Pa [dyn/cm^2]."""
 
@@ -57,7 +61,7 @@ def _off_screen_window() -> str | None:
     return None
 
 
-def deformed(path: Path, body: Body, *, title: str = "", caption: str = "") -> Path:
+def deformed(path: Path, body: Body, *, title: str = "", caption: str = "", units: Units = LAB) -> Path:
     """Draw a deformed body coloured by one of its scalars.
 
     Args:
@@ -65,6 +69,7 @@ def deformed(path: Path, body: Body, *, title: str = "", caption: str = "") -> P
         body: The body.
         title: Heading.
         caption: Second line under it.
+        units: Units of the lengths.
 
     Returns:
         The path.
@@ -76,13 +81,13 @@ def deformed(path: Path, body: Body, *, title: str = "", caption: str = "") -> P
     scale = _scale(name, values)
     with mpl.rc_context(STYLE):
         if body.dim == 2:
-            figure = _plane(body, values, scale)
+            figure = _plane(body, values, scale, units)
         elif can_render():
             figure = _framed(_render(body, name, values, scale))
         else:
-            figure = _plain_space(body, values, scale)
+            figure = _plain_space(body, values, scale, units)
         headings(figure, title, caption)
-        _bar(figure, scale, name)
+        _bar(figure, scale, name.replace("J", NODAL_J, 1) if name.split(" ")[0] == "J" else name)
         return saved(figure, path)
 
 
@@ -112,6 +117,7 @@ def draw_bodies(
     out = out.parent if out.suffix in (".vtu", ".pvd") else out
     found = [folder] if folder.is_file() else sorted(folder.rglob("*.pvd")) + sorted(folder.glob("*.vtu"))
     made: list[tuple[Path, Body]] = []
+    units = units_of_run(folder)
     without = None
     for path in found:
         when, file = _at_time(path, t) if path.suffix == ".pvd" else (None, path)
@@ -126,7 +132,8 @@ def draw_bodies(
         name = "".join(c if c.isalnum() else "_" for c in str(body.shown).split(" [")[0])
         caption = file.name if when is None else f"t = {when:.6g} s"
         picture = out / f"{path.stem}_{name}.png"
-        made.append((deformed(picture, body, title=path.stem, caption=caption), body))
+        title = path.stem.replace("_", " ")
+        made.append((deformed(picture, body, title=title, caption=caption, units=units), body))
     if not made and without is not None:
         raise without
     if not made:
@@ -168,7 +175,7 @@ def _scale(name: str, values: Array) -> ScalarMappable:
     """Return the colour scale of a field; J and stretches diverge about 1."""
     low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
     if name.startswith("J") or "stretch" in name:
-        reach = max(abs(low - 1), abs(high - 1), 1e-3)
+        reach = max(round_up(max(abs(low - 1), abs(high - 1))), 1e-3)
         return ScalarMappable(TwoSlopeNorm(1.0, 1 - reach, 1 + reach), DILATION)
     least = 2e-3 * max(abs(low), abs(high)) or 1.0  # what is the same all over has no scale of its own
     if high - low < least:
@@ -180,7 +187,7 @@ def _corner_cells(body: Body) -> list[Indices]:
     return [np.asarray(nodes)[:, : CORNERS[int(kind)]] for kind, nodes in body.cells.items() if len(nodes)]
 
 
-def _plane(body: Body, values: Array, scale: ScalarMappable) -> Figure:
+def _plane(body: Body, values: Array, scale: ScalarMappable, units: Units) -> Figure:
     """Draw a plane body with smooth colours, its mesh and its reference outline."""
     low, high = body.points[:, :2].min(axis=0), body.points[:, :2].max(axis=0)
     if body.reference is not None:
@@ -205,7 +212,8 @@ def _plane(body: Body, values: Array, scale: ScalarMappable) -> Figure:
             axes.plot(*body.reference[edge, :2].T, color=INK, linewidth=0.9, dashes=(4, 3), zorder=4)
     pad = 0.03 * float((high - low).max())
     axes.set(xlim=(low[0] - pad, high[0] + pad), ylim=(low[1] - pad, high[1] + pad))
-    axes.set(xlabel="x [cm]", ylabel="y [cm]", aspect="equal")
+    axes.set_aspect("equal")
+    length_axes(axes, units)
     return figure
 
 
@@ -293,7 +301,7 @@ def _framed(image: Array) -> Figure:
     return figure
 
 
-def _plain_space(body: Body, values: Array, scale: ScalarMappable) -> Figure:
+def _plain_space(body: Body, values: Array, scale: ScalarMappable, units: Units) -> Figure:
     """Draw the surface of a body in space with matplotlib."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -305,7 +313,10 @@ def _plain_space(body: Body, values: Array, scale: ScalarMappable) -> Figure:
         axes.add_collection3d(Poly3DCollection(body.points[faces], **look))
     low, high = body.points.min(axis=0), body.points.max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set(xlabel="x [cm]", ylabel="y [cm]", zlabel="z [cm]")
+    length_axes(axes, units)
+    length = units.of("length_cm")
+    axes.set_zlabel(f"z [{length.unit}]")
+    axes.zaxis.set_major_formatter(EvenTicks(length.factor))
     axes.set_box_aspect(np.maximum(high - low, 1e-3 * (high - low).max()))
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_major_locator(MaxNLocator(3, prune="both"))

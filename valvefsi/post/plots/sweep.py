@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from valvefsi.post.plots.base import LINES, MUTED, STYLE, headings, plain, saved
+from valvefsi.post.columns import LAB, Units
+from valvefsi.post.plots.base import LINES, MUTED, STYLE, headings, plain, saved, typeset
+from valvefsi.post.plots.ticks import EvenTicks
 from valvefsi.units import MMHG
 
 if TYPE_CHECKING:
@@ -22,32 +23,6 @@ if TYPE_CHECKING:
 
     from valvefsi.types import Array
 
-UNITS: tuple[tuple[str, dict[str, float]], ...] = (
-    ("_dyn_per_cm2", {"mmHg": 1 / MMHG}),
-    ("_cm3_per_s", {"ml/s": 1.0}),
-    ("_ml_per_s", {"ml/s": 1.0}),
-    ("_ml_s", {"ml/s": 1.0}),
-    ("_erg_per_s", {"mW": 1e-4, "uW": 0.1, "nW": 100.0}),
-    ("_dyn_per_cm", {"mN/m": 1.0}),
-    ("_cm_per_s", {"cm/s": 1.0}),
-    ("_l_per_min", {"l/min": 1.0}),
-    ("_mmHg", {"mmHg": 1.0}),
-    ("_percent", {"%": 1.0}),
-    ("_cm2", {"cm^2": 1.0}),
-    ("_erg", {"mJ": 1e-4, "uJ": 0.1, "nJ": 100.0}),
-    ("_dyn", {"mN": 1e-2, "uN": 10.0}),
-    ("_cm", {"mm": 10.0, "um": 1e4}),
-    ("_mm", {"mm": 1.0, "um": 1e3}),
-    ("_kPa", {"kPa": 1.0, "Pa": 1e3}),
-    ("_mJ", {"mJ": 1.0, "uJ": 1e3}),
-    ("_Hz", {"Hz": 1.0}),
-    ("_ml", {"ml": 1.0}),
-    ("_ms", {"ms": 1.0}),
-    ("_s", {"s": 1.0}),
-)
-"""End of a column's name, the units that people use, and how many of each one of the column's is."""
-SMALL = 0.1
-"""The largest size of what is drawn, below which a smaller unit is taken where there is one."""
 COLUMNS, HEAD, FOOT = 2, 0.98, 0.5
 """Panels of numbers in a row; room above the panels and below them [inch]."""
 ROW, GAP, WAVE, LEGEND = 1.25, 0.6, 1.6, 0.22
@@ -75,6 +50,7 @@ class SweepPicture:
         members: What the members are called.
         title: Heading.
         caption: Second line under it.
+        units: Units of the numbers.
     """
 
     label: str
@@ -85,49 +61,7 @@ class SweepPicture:
     members: Sequence[str] = field(default_factory=tuple)
     title: str = ""
     caption: str = ""
-
-
-def label_of(column: str, largest: float) -> tuple[str, float]:
-    """Return how a column is called at an axis, and the factor to the unit that stands there.
-
-    Args:
-        column: Its name, with its unit.
-        largest: The largest size of its values.
-    """
-    for end, units in UNITS:
-        if column.endswith(end):
-            unit = next(
-                (unit for unit, factor in units.items() if largest * factor >= SMALL), list(units)[-1]
-            )
-            factor = units[unit] if largest > 0.0 else next(iter(units.values()))
-            unit = unit if largest > 0.0 else next(iter(units))
-            return f"{_words(column.removesuffix(end))} [{_set(unit)}]", factor
-    return _words(column), 1.0
-
-
-def _set(unit: str) -> str:
-    """Return a unit as it is printed."""
-    text = re.sub(r"(?:\^|\*\*)\s*(-?\d)", r"$^{\1}$", unit)
-    return re.sub(r"^u(?=[A-Za-z])", "\N{MICRO SIGN}", text)
-
-
-def _words(name: str) -> str:
-    if name.startswith("u_") and name[2:3] in ("x", "y", "z"):
-        return f"$u_{name[2]}$ {name[4:].replace('_', ' ')}".rstrip()
-    words = name.replace("_", " ").replace("pdva", "PDVA").replace("von mises", "von Mises stress")
-    return re.sub(r" p(\d\d)$", r", \1th percentile", words)
-
-
-def name_of(path: str) -> str:
-    """Return what a number of a summary is called by its path: the last of it that says what it is, and of what.
-
-    ``valve.leaflets.leaflet_1.von_mises_p99_kPa.value`` is ``leaflet_1_von_mises_p99_kPa``, ``last.u_x_tip_cm`` is
-    ``u_x_tip_cm``.
-    """
-    *parts, last = path.split(".")
-    if last != "value" or not parts:
-        return last
-    return "_".join(parts[-2:] if len(parts) > 2 else parts[-1:])
+    units: Units = LAB
 
 
 def sweep_picture(path: Path, picture: SweepPicture) -> Path:
@@ -164,12 +98,11 @@ def _draw_numbers(figure: Figure, picture: SweepPicture, top: float, bottom: flo
     grid = figure.add_gridspec(rows, COLUMNS, hspace=GAP / ROW, wspace=0.3, **place)
     for number, (column, values) in enumerate(picture.numbers.items()):
         axes = figure.add_subplot(grid[number // COLUMNS, number % COLUMNS])
-        known = np.abs(np.asarray(values, dtype=float))
-        label, factor = label_of(column, float(np.max(known[np.isfinite(known)], initial=0.0)))
-        _draw_number(axes, picture, factor * np.asarray(values, dtype=float))
-        axes.set_title(label, fontsize=9.5, loc="left", pad=5)
+        shown = picture.units.of(column)
+        _draw_number(axes, picture, shown.factor * np.asarray(values, dtype=float))
+        axes.set_title(typeset(shown.label.removesuffix(" [-]")), fontsize=9.5, loc="left", pad=5)
         if number + COLUMNS >= len(picture.numbers):
-            axes.set_xlabel(_set(picture.label), fontsize=9)
+            axes.set_xlabel(typeset(picture.label.replace("**", "^")), fontsize=9)
         if number == 0 and any(picture.names):
             where = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0 + 0.25 / ROW), "borderaxespad": 0.0}
             axes.legend(ncols=_in_a_line(picture.names), **where, **KEYS)
@@ -188,7 +121,7 @@ def _draw_number(axes: Axes, picture: SweepPicture, values: Array) -> None:
     axes.margins(x=0.06 if numeric else 0.18, y=0.14)
     axes.tick_params(labelsize=8.5)
     axes.yaxis.set_major_locator(MaxNLocator(4, min_n_ticks=3))
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.6g}".replace("-", "\N{MINUS SIGN}"))
+    axes.yaxis.set_major_formatter(EvenTicks())
     ticks = np.array(sorted(places) if numeric else range(len(places)), dtype=float)
     if not numeric or np.min(np.diff(ticks), initial=np.inf) > APART * np.ptp(ticks):
         axes.set_xticks(ticks, [f"{x:g}" for x in ticks] if numeric else _cut(places))

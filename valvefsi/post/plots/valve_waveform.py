@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, plain, saved
+from valvefsi.post.plots.base import INK, LINES, MUTED, STYLE, draw_bar, plain, saved
 from valvefsi.post.plots.waveform import headings_at
 from valvefsi.units import MMHG
 
@@ -141,7 +141,7 @@ def valve_end_views(
     down = -(-len(views) // across)
     with mpl.rc_context(STYLE):
         head = 0.85 if title or caption else 0.1
-        figure = Figure(figsize=(2.35 * across + 0.3, 2.7 * down + head), dpi=160, facecolor="white")
+        figure = Figure(figsize=(2.35 * across + 0.3, 2.85 * down + head), dpi=160, facecolor="white")
         height = figure.get_size_inches()[1]
         figure.subplots_adjust(0.02, 0.02, 0.98, 1 - head / height, wspace=0.06, hspace=0.06)
         grid = np.ravel(figure.subplots(down, across, squeeze=False))
@@ -150,7 +150,10 @@ def valve_end_views(
         reach = 1.02 * max(float(np.abs(np.asarray(view["xyz"])[:, :2]).max(initial=0.0)) for view in views)
         for axes, view in zip(grid, views, strict=False):
             draw_end_view(axes, view, radius, max(reach, 1.1 * radius))
-        headings_at(figure, 0.03, title, caption)
+        low = -max(reach, 1.1 * radius)
+        draw_bar(grid[0], (0.99 * low, 1.27 * low), 2.0 * radius, 0.1)
+        orifice = f"orifice {20.0 * radius:.3g} mm across"
+        headings_at(figure, 0.03, title, f"{caption}; {orifice}" if caption else orifice)
         return saved(figure, path)
 
 
@@ -189,7 +192,7 @@ def draw_end_view(
         Circle((0, 0), 1.035 * radius, fill=False, edgecolor=RING, linewidth=2.5 if small else 5, zorder=4)
     )
     axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=MUTED, linewidth=0.8, zorder=5))
-    axes.set(xlim=(-reach, reach), ylim=(-1.22 * reach, reach), aspect="equal")
+    axes.set(xlim=(-reach, reach), ylim=((-1.22 if small else -1.34) * reach, reach), aspect="equal")
     if small:
         axes.text(0, -1.08 * reach, f"{1e3 * float(view['t']):.1f} ms", ha="center", va="top", fontsize=8)
         return

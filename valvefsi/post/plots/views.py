@@ -14,7 +14,8 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from valvefsi.post.plots.base import INK, MUTED, STYLE, headings, saved
+from valvefsi.post.plots.base import INK, MUTED, STYLE, draw_bar, headings, saved
+from valvefsi.post.plots.ticks import length_axes
 from valvefsi.types import Array
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ TAGS = (
 """Colours of tags, taken in turn."""
 PLAIN = "#c9d3db"
 """Colour of facets without a tag."""
-ROUND = (1.0, 2.0, 5.0, 10.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +106,7 @@ def views(
     Returns:
         The path.
     """
-    turns = {name: _turn(*angles) for name, angles in sides.items()}
+    turns = {name: turn(*angles) for name, angles in sides.items()}
     seen = {name: 10.0 * surface.polygons @ turn.T for name, turn in turns.items()}
     flat = {name: np.stack([x[..., :2].min((0, 1)), x[..., :2].max((0, 1))]) for name, x in seen.items()}
     across = max(float(np.ptp(ends[:, 0])) for ends in flat.values())
@@ -147,7 +147,7 @@ def views(
         return saved(figure, path)
 
 
-def _turn(height: float, azimuth: float) -> Array:
+def turn(height: float, azimuth: float) -> Array:
     """Return right, up and towards the eye as rows, ``(3, 3)``."""
     e, a = np.radians([height, azimuth])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
@@ -190,16 +190,9 @@ def _lengths(axes: Axes, ends: Array, margin: float) -> None:
 
 
 def _scale_bar(axes: Axes, ends: Array, margin: float) -> None:
-    """Draw a bar of a round length."""
+    """Draw a bar of a round length under a body."""
     (left, bottom), (right, top) = ends
-    wanted = 0.25 * max(right - left, top - bottom)
-    power = 10.0 ** np.floor(np.log10(wanted))
-    bar = max(k * power for k in ROUND if k * power <= wanted * (1 + 1e-9))
-    level = bottom - 0.72 * margin
-    axes.plot([left, left + bar], [level, level], color=INK, linewidth=2.2, solid_capstyle="butt")
-    axes.text(
-        left + bar + 0.06 * margin, level, f"{bar:g} mm", ha="left", va="center", fontsize=8.5, color=INK
-    )
+    draw_bar(axes, (left, bottom - 0.72 * margin), max(right - left, top - bottom))
 
 
 def outlines(path: Path, groups: Mapping[str, Array], cells: Sequence[Array], *, title: str = "") -> Path:
@@ -228,7 +221,7 @@ def outlines(path: Path, groups: Mapping[str, Array], cells: Sequence[Array], *,
             axes.plot(*ends.T, color=colour, linewidth=2.4, label=name or "no tag")
         axes.set_aspect("equal")
         axes.margins(0.05)
-        axes.set(xlabel="x [cm]", ylabel="y [cm]")
+        length_axes(axes)
         axes.set_title(title, loc="left", fontweight="bold")
         figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
         return saved(figure, path)

@@ -57,7 +57,8 @@ def circuit_fit(path: Path, picture: CircuitPicture) -> Path:
         t, p = picture.t, picture
         if p.band is not None:
             low, high = p.curve - p.band, p.curve + p.band
-            seen = can_be_seen(p.band, np.concatenate([p.data, p.curve]))
+            span = float(np.ptp(np.concatenate([p.data, p.curve])))
+            seen = can_be_seen(p.band, p.curve, x=t, frame=(float(np.ptp(t)), span))
             said = "95 % band" if seen else "95 % band, narrower than the line"
             above.fill_between(t, low, high, color=LINES[0], alpha=0.22, linewidth=0, label=said)
             middle.fill_between(t, -p.band, p.band, color=LINES[0], alpha=0.22, linewidth=0)
