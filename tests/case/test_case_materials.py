@@ -51,7 +51,7 @@ def build(case, comm):
 
 def test_a_material_with_families_is_read_in_cgs_and_written_so_that_it_reads_back(shared_tmp, comm):
     case = case_of(nu_stab="off", kappa="1 kPa", volumetric="simo_taylor")
-    family = {"k1": 2.4e5, "k2": 57.6, "kappa": 0.1, "fibre": "around"}
+    family = {"k1": 2.4e5, "k2": 57.6, "kappa": 0.1, "lam_max": 0.0, "fibre": "around"}
     expected = {"c10": 1.21e4, "c01": 7.99, "families": (family,), "width": 0.0}
     assert case.solid[0].material.parameters == expected
     path = shared_tmp / "case.toml"

@@ -184,7 +184,7 @@ def test_a_table_that_was_edited_is_another_case(tmp_path):
     moved = tmp_path / "moved.csv"
     moved.write_bytes(table.read_bytes())
     table.write_text("t_s,u\n0,1\n1,2\n")
-    with pytest.raises(CaseError, match=r"y_upper\.table: .* was 'contents .*--allow-change"):
+    with pytest.raises(CaseError, match=r'y_upper\.table: .* was "contents .*--allow-change'):
         run_case(parse_case(raw), out=out, resume=True, comm=SELF)
     side["table"] = str(moved)
     run_case(parse_case(raw), out=out, resume=True, comm=SELF)

@@ -19,7 +19,7 @@ from valvefsi.case.study_tables import Targets, load_study
 from valvefsi.case.writing import to_toml
 from valvefsi.errors import CaseError, Stopped, SurroundingsError, ValvefsiError
 from valvefsi.io.history import read_history
-from valvefsi.studies import beats
+from valvefsi.runtime import surroundings
 from valvefsi.studies.beats import RunPart, launch
 from valvefsi.studies.comparison import advice, checks_of
 from valvefsi.studies.validation import How, validation_stages
@@ -256,10 +256,10 @@ def test_the_command_goes_on_with_a_run_or_replaces_it(monkeypatch):
     assert part.command() == [*words, "--resume", *changes]
     fresh = RunPart(case=part.case, out=part.out, changes=part.changes, fresh=True, trust=True)
     assert fresh.command() == [*words, "--overwrite", "--trust", *changes]
-    monkeypatch.setattr(beats.shutil, "which", lambda name, path: f"/somewhere/{name}")
+    monkeypatch.setattr(surroundings.shutil, "which", lambda name, path: f"/somewhere/{name}")
     several = RunPart(case=part.case, out=part.out, changes=part.changes, ranks=3)
     assert several.command() == ["/somewhere/mpirun", "-n", "3", *words, "--resume", *changes]
-    monkeypatch.setattr(beats.shutil, "which", lambda name, path: None)
+    monkeypatch.setattr(surroundings.shutil, "which", lambda name, path: None)
     with pytest.raises(SurroundingsError, match="there is no mpirun"):
         several.command()
 
