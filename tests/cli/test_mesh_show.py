@@ -36,7 +36,7 @@ def test_an_import_draws_tags_and_says_which_is_where(tmp_path):
     assert "7.5, 2.5, 3   0.00, -1.00, 0.00   flat" in said
     assert "scaled Jacobian" in said
     assert "area [mm^2]" in said  # a heading's unit is no markup
-    assert "extent  15 x 5 x 6 mm" in said
+    assert "extent  1.5 x 5 x 6 mm" in said
     assert colours(tmp_path / "flap_tags.png") >= 6
     assert (tmp_path / "flap_thickness.png").exists()
 

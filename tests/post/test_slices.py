@@ -199,7 +199,7 @@ def test_an_mp4_is_made_by_the_ffmpeg_of_a_package_where_the_system_has_none(tmp
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     folder = plane_run(tmp_path / "run", body=False)
-    with pytest.raises(CaseError, match=r"an \.mp4 needs ffmpeg.*valvefsi\[movies\].*a \.gif does not"):
+    with pytest.raises(CaseError, match=r"an \.mp4 needs ffmpeg.*\[movies\].*a \.gif does not"):
         draw_movie(folder, tmp_path / "m.mp4", plane=None, field="speed")
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", SimpleNamespace(get_ffmpeg_exe=lambda: str(program)))
     made = draw_movie(folder, tmp_path / "m.mp4", plane=None, field="speed")

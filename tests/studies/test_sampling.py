@@ -174,27 +174,28 @@ def test_runs_that_fail_are_recorded_and_said_and_gone_on_with(study):
     assert draw_samples(sampling, found.outputs, result, folder / "sample.png").stat().st_size > 20_000
 
 
-def test_a_picture_has_its_outputs_in_the_unit_at_their_axis(monkeypatch, tmp_path):
+def test_a_picture_has_its_outputs_in_the_unit_at_their_axis(monkeypatch, study, tmp_path):
     made = []
     monkeypatch.setattr(sensitivity, "saved", lambda figure, path: made.append(figure))
-    ends = np.array([[0.8, 1.0]])
-    panel = sensitivity.SensitivityPanel(
-        name="u_x_tip_cm",
-        groups=["mu"],
-        first=np.array([0.9]),
-        first_interval=ends,
-        total=np.array([0.9]),
-        total_interval=ends,
-        x=np.arange(3.0),
-        x_label="mu [cP]",
-        y=np.array([0.1, np.nan, 0.3]),
-        interval=(0.1, 0.2, 0.3),
-        text="",
-    )
-    sensitivity.sensitivity_picture(tmp_path / "sample.png", [panel])
+    sampling = make_sampling(load_samples(study))
+    y = sampling.values[:, 0].copy()
+    y[1] = np.nan
+    ends = [0.8, 1.0]
+    group = sampling.inputs.names[0]
+    index = {"group": group, "first": 0.9, "first_interval": ends, "total": 0.9, "total_interval": ends}
+    row = {
+        "output": "last.u_x_tip_cm",
+        "indices": [index],
+        "low": 0.1,
+        "median": 0.2,
+        "high": 0.3,
+        "text": "",
+    }
+    result = {"outputs": [row], "failed": {}, "samples": len(y)}
+    draw_samples(sampling, {"last.u_x_tip_cm": y}, result, tmp_path / "sample.png")
     bars, samples = made[0].axes[:2]
     assert bars.get_title(loc="left") == "$u_x$ tip [mm]"
-    assert samples.collections[-1].get_offsets()[:, 1].compressed() == pytest.approx([1.0, 3.0])
+    assert samples.collections[-1].get_offsets()[:, 1].compressed() == pytest.approx(10.0 * np.delete(y, 1))
     assert samples.get_title(loc="left").startswith("2 (1 to 3)")
 
 

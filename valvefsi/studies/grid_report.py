@@ -145,6 +145,12 @@ def _short(value: float | None) -> str:
     return "-" if value is None else f"{value:.5g}"
 
 
+def _is_shown(row: Values) -> bool:
+    """Whether a waveform's norm is one to draw: it changes from grid to grid, has an order and is worth a look."""
+    changes = row["norm"] == "L2" and min(row["differences"]) > 0.0
+    return changes and row["kind"] != "no order" and not row["quantity"].startswith(DULL)
+
+
 def draw_verification(
     title: str, result: Values, outcomes: Sequence[Outcome], path: Path, study: GridStudy
 ) -> Path | None:
@@ -179,14 +185,7 @@ def draw_verification(
         )
         for name in changing
     ]
-    shown = [
-        row
-        for row in result["waveforms"]
-        if row["norm"] == "L2"
-        and min(row["differences"]) > 0.0
-        and row["kind"] != "no order"
-        and not row["quantity"].startswith(DULL)
-    ]
+    shown = [row for row in result["waveforms"] if _is_shown(row)]
     shown.sort(key=lambda row: not row["quantity"].startswith(FIRST))
     waves = {row["quantity"]: (row["differences"], row["order"]) for row in shown[:MOST_WAVES]}
     spacings = ", ".join(f"{10 * grid['h_cm']:.4g}" for grid in result["grids"])

@@ -105,7 +105,7 @@ def blocks_picture(
         places = figure.add_gridspec(
             down,
             across,
-            left=0.75 / width,
+            left=0.85 / width,
             right=1 - 0.2 / width,
             top=1 - 1.3 / height,
             bottom=0.55 / height,

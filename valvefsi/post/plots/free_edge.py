@@ -59,7 +59,7 @@ def free_edges(
                 continue
             _end_on(figure, axes, edges, _chosen(edges, part), radius)
             axes.set_title(name, fontsize=10.5)
-        below = figure.add_axes((0.12, 0.08, 0.84, 0.25))
+        below = figure.add_axes((0.14, 0.08, 0.82, 0.25))
         count = edges["middles"].shape[1]
         for k in range(count):
             # The last of several is dashed: in a flow that mirrors them two leaflets move alike.
