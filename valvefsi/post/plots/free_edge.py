@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 MOST = 12
 """Most moments that one end view holds."""
+LEAST = 0.01
+"""Least span of the distances from the axis [cm]."""
 
 
 def free_edges(
@@ -70,6 +72,8 @@ def free_edges(
         below.set(xlabel="t [s]", ylabel="middle of the free edge\nfrom the axis [mm]")
         below.yaxis.set_major_formatter(EvenTicks(10.0))
         below.margins(x=0)
+        low, high = below.get_ylim()
+        below.set_ylim(min(low, (low + high - LEAST) / 2), max(high, (low + high + LEAST) / 2))
         plain(below)
         below.legend(frameon=False, fontsize=8.5, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
         orifice = f"orifice {20.0 * radius:.3g} mm across"
