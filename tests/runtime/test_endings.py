@@ -45,7 +45,7 @@ def test_a_signal_while_libraries_are_imported_is_one_line(number, word, module)
     done = ended(IN_AN_IMPORT.format(module=module, number=int(number)))
     assert done.returncode == 128 + number
     again = "start it again, a run that had begun goes on with --resume"
-    assert done.stderr == f"{word} while libraries were loaded; {again}\n"
+    assert done.stderr == f"{word}; {again}\n"
     assert done.stdout == ""
 
 

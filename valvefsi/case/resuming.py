@@ -162,13 +162,12 @@ def _changes(meta: Mapping[str, Any], case: Case, allow: bool) -> tuple[dict[str
     fixed = [key for key in held_back if FIXED.fullmatch(key)]
     held_back = [] if allow else held_back
     if fixed or held_back:
-        key = (fixed or held_back)[0]
-        before, after = shown_pair(case, key, *found[key])
-        more = len(fixed or held_back) - 1
-        others = f" (and {more} more)" if more else ""
+        keys = fixed or held_back
+        pairs = [" was {}, it is {}".format(*shown_pair(case, key, *found[key])) for key in keys]
+        others = "".join(f"; {key}{pair}" for key, pair in zip(keys[1:], pairs[1:], strict=True))
         then = "start a new run" if fixed else "--allow-change goes on with it"
-        message = f"the checkpoint is of a run where this was {before}, it is {after}{others}; {then}"
-        raise CaseError(message, file=case.file, key=key)
+        message = f"the checkpoint is of a run where this{pairs[0]}{others}; {then}"
+        raise CaseError(message, file=case.file, key=keys[0])
     made = [{"t_s": meta["t"], "key": key, "old": a, "new": b} for key, (a, b) in found.items()]
     return (*recorded.get("changes", ()), *made)
 

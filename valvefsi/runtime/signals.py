@@ -36,7 +36,7 @@ def end_in_one_line() -> None:
             with contextlib.suppress(OSError, ValueError):
                 sys.stdout.flush()
             if launched_rank() == 0:
-                os.write(2, f"{word} while libraries were loaded; {AGAIN}\n".encode())
+                os.write(2, f"{word}; {AGAIN}\n".encode())
             os._exit(128 + number)
         if number == signal.SIGINT:
             raise KeyboardInterrupt
