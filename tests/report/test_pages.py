@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 import json
@@ -35,6 +36,7 @@ from valvefsi.post.valve_numbers import CycleNumbers
 from valvefsi.report import scenes, writing
 from valvefsi.report.blocks import Chapter, Note, Page, Section, Table, packed
 from valvefsi.report.folders import report
+from valvefsi.report.geometry import the_geometry
 from valvefsi.report.runs import open_run
 from valvefsi.report.words import defined, definitions
 from valvefsi.report.writing import LARGEST, html, write_page
@@ -195,6 +197,16 @@ def test_what_is_missing_is_said_and_no_cell_is_blank_or_not_a_number(tmp_path):
     values = [row[1]["text"].strip() for table in found.tables for row in table["rows"]]
     assert all(values)
     assert not {"nan", "None", "inf"} & set(values)
+
+
+def test_a_run_without_solids_is_not_said_to_have_no_frames(tmp_path):
+    folder = run_folder(tmp_path / "bare")
+    case = open_run(folder).case
+    output = case.output.model_copy(update={"frames": 20})
+    case = case.model_copy(update={"solid": [], "output": output})
+    run = dataclasses.replace(open_run(folder), case=case)
+    said = [block.text for block in the_geometry(run).blocks if isinstance(block, Note)]
+    assert said == ["The case has no solids: there are no meshes but the grid."]
 
 
 def test_a_case_that_cannot_be_read_is_said_and_the_rest_stands(tmp_path):

@@ -9,6 +9,8 @@ import pytest
 
 from tests.report.folders import Parsed, grids_folder, sample_folder
 from tests.report.test_pages import unpacked
+from valvefsi.errors import CaseError
+from valvefsi.report.blocks import Table
 from valvefsi.report.folders import report
 from valvefsi.report.runs import open_run
 from valvefsi.report.writing import html
@@ -70,3 +72,36 @@ def test_a_validation_that_has_begun_says_that_there_is_no_verdict_yet(tmp_path,
     (tmp_path / stage).mkdir()
     (tmp_path / stage / "stage.json").write_text("{}")
     assert "there is no verdict.json yet" in Parsed(html(report([tmp_path]))).words
+
+
+@pytest.mark.parametrize("name", ["sample.json", "verification.json", "fit.json", "compare/verdict.json"])
+def test_a_result_that_cannot_be_read_is_refused_and_named(tmp_path, name):
+    (tmp_path / "compare").mkdir()
+    (tmp_path / "compare" / "stage.json").write_text("{}")
+    (tmp_path / name).write_text('{"samples": 3, "fail')
+    with pytest.raises(CaseError, match=f"{name}.*cannot be read"):
+        report([tmp_path])
+
+
+def test_a_sample_without_a_record_of_failures_does_not_say_that_none_failed(tmp_path):
+    (tmp_path / "sample.json").write_text('{"samples": 3}')
+    words = Parsed(html(report([tmp_path]))).words
+    assert "No sample failed" not in words
+    assert "Which samples failed is not recorded." in words
+
+
+def test_samples_without_a_value_are_warned_of(tmp_path):
+    folder = sample_folder(tmp_path / "study")
+    result = json.loads((folder / "sample.json").read_text())
+    note = "NO VALUE of u_cm in 1 of 2 samples"
+    (folder / "sample.json").write_text(json.dumps(result | {"notes": [note]}))
+    assert f'<p class="warning">{note}</p>' in html(report([folder]))
+
+
+def test_the_columns_of_a_table_are_looked_at_once(monkeypatch, tmp_path):
+    looked, of_numbers = [], Table.of_numbers.fget
+    monkeypatch.setattr(Table, "of_numbers", property(lambda table: looked.append(0) or of_numbers(table)))
+    page = report([sample_folder(tmp_path / "study", runs=False)])
+    html(page)
+    blocks = [block for part in page.parts for section in part.sections for block in section.blocks]
+    assert len(looked) == sum(block.kind == "table" for block in blocks)

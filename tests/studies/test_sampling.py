@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -99,6 +100,47 @@ def test_a_chaos_of_runs_has_the_moments_and_indices_of_the_closed_form(study):
     sample = 100 * (0.1 + 0.2 * draws.random(400_000)) ** 2 + 1 + 0.5 * draws.standard_normal(400_000)
     found = [row[name] for name in ("low", "median", "high")]
     assert found == pytest.approx(np.percentile(sample, [2.5, 50, 97.5]), rel=0.03)
+
+
+def test_samples_without_a_value_are_counted_and_have_a_reason(study, tmp_path):
+    sampling = make_sampling(load_samples(study, ["design.size=24"]))
+    values = exact(sampling)
+    values[[2, 5, 7]] = np.nan
+    result = analyse(sampling, {"u_cm": values}, {7: "it broke"})
+    said = "NO VALUE of u_cm in 2 of 23 samples that have not failed: its statistics hold for the others only"
+    assert said in result["notes"]
+    write_samples(sampling, {"u_cm": values}, {7: "it broke"}, result, tmp_path)
+    assert said in (tmp_path / "sample.md").read_text()
+    with (tmp_path / "samples.csv").open() as file:
+        reasons = [row["reason"] for row in csv.DictReader(file)]
+    expected = {2: "no value of u_cm", 5: "no value of u_cm", 7: "it broke"}
+    assert reasons == [expected.get(k, "") for k in range(24)]
+    assert json.loads((tmp_path / "sample.json").read_text())["members"]["reason"] == reasons
+
+
+def test_inputs_of_a_fit_say_its_file_and_what_is_taken(study, tmp_path):
+    (tmp_path / "draws.csv").write_text("R,C\n" + "".join(f"{1 + k / 9},{2 + k / 9}\n" for k in range(9)))
+    fit = "[[fit]]\nname='outlet'\nfile='draws.csv'\ntake='samples'\nkeys={R='a.R',C='a.C'}\n"
+    study.write_text(STUDY.replace("size = 8, degree = 2", 'method = "sobol", size = 8') + fit)
+    sampling = make_sampling(load_samples(study))
+    y = {"u_cm": exact_of_two(sampling)}
+    write_samples(sampling, y, {}, analyse(sampling, y, {}), tmp_path)
+    inputs = json.loads((tmp_path / "sample.json").read_text())["inputs"]
+    origins = {one["name"]: one["from"] for one in inputs}
+    assert origins["outlet.R"] == origins["outlet.C"]
+    assert re.fullmatch(r"samples of .*draws\.csv", origins["outlet.R"])
+
+
+def exact_of_two(sampling):
+    """What the stand-in answers where there are more inputs than its two."""
+    mu, rho = sampling.values.T[:2]
+    return 100 * (0.01 * mu) ** 2 + rho
+
+
+def test_an_output_that_no_sample_has_is_not_said_to_be_constant(study):
+    sampling = make_sampling(load_samples(study, ['outputs=["u_cm"]']))
+    (row,) = analyse(sampling, {"u_cm": np.full(8, np.nan)}, {})["outputs"]
+    assert row["text"] == "no sample has a value"
 
 
 def test_a_surrogate_that_misses_says_so(study):

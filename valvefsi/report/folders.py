@@ -19,7 +19,7 @@ from valvefsi.report.grids import a_verification
 from valvefsi.report.inputs import the_case, what_was_run
 from valvefsi.report.others import a_benchmark, a_fit, a_sweep, a_validation
 from valvefsi.report.results import numbers, pictures, warnings_of, waveforms
-from valvefsi.report.runs import Run, open_run
+from valvefsi.report.runs import Run, is_table, open_run
 from valvefsi.report.samples import a_sample
 from valvefsi.report.scenes import the_scene
 
@@ -89,6 +89,10 @@ def _check(path: Path, paths: Sequence[Path]) -> None:
     elif not _is_run(path) and _maker(path) is None:
         known = ", ".join(("case.toml", *STUDIED, *LEFT))
         raise CaseError(f"there are no results here that are known: none of {known}", file=path)
+    if path.is_dir() and not _is_run(path):
+        for name in (*STUDIED, *LEFT, "compare/verdict.json"):
+            if (path / name).is_file() and not is_table(path / name):
+                raise CaseError("this cannot be read as JSON: no page is made of it", file=path / name)
 
 
 def _is_run(path: Path) -> bool:

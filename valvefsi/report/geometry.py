@@ -60,7 +60,7 @@ def _meshes(run: Run) -> list[Block]:
     except CaseError as error:
         return [missing(f"The frames cannot be read: {error}")]
     if not bodies:
-        return [missing("The run has no frames (output.frames = 0): nothing is known of its meshes here.")]
+        return [missing(_without_bodies(run))]
     h = run.case.grid.spacing if run.case is not None else None
     rows: list[tuple[Cell, ...]] = []
     for name, body in bodies.items():
@@ -74,6 +74,14 @@ def _meshes(run: Run) -> list[Block]:
         "Meshes of the bodies without load (a scaled Jacobian is 1 for the best corner, 0 for a flat one)"
     )
     return [Table(caption=caption, headings=headings, rows=rows)]
+
+
+def _without_bodies(run: Run) -> str:
+    """Return why there are no meshes."""
+    if run.case is not None and not run.case.solid:
+        return "The case has no solids: there are no meshes but the grid."
+    why = f" (output.frames = {run.case.output.frames})" if run.case is not None else ""
+    return f"The run has no frames of bodies{why}: nothing is known of its meshes here."
 
 
 def _valve(run: Run) -> list[Block]:

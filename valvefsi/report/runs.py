@@ -87,6 +87,14 @@ def open_run(folder: Path, *, trust: bool = False) -> Run:
     )
 
 
+def is_table(path: Path) -> bool:
+    """Whether a file can be read as a table of JSON."""
+    try:
+        return isinstance(json.loads(path.read_text(encoding="utf-8")), dict)
+    except (OSError, ValueError):
+        return False
+
+
 def read_table(path: Path) -> dict[str, Any]:
     """Return what a JSON file holds, empty where there is none or it is damaged."""
     try:

@@ -83,13 +83,16 @@ def _sample_study(folder: Path, result: Mapping[str, Any]) -> list[Block]:
     )
     blocks.append(Table(caption="Uncertain inputs", headings=headings, rows=rows))
     blocks += [
-        Note(text=note, tone="warning" if "FAILED" in note else "plain") for note in result.get("notes", ())
+        Note(text=note, tone="warning" if "FAILED" in note or note.startswith("NO VALUE") else "plain")
+        for note in result.get("notes", ())
     ]
     return [*blocks, *files_of(folder, ("sample.json", "samples.csv"))]
 
 
 def _failed(result: Mapping[str, Any]) -> list[Block]:
-    failed = result.get("failed", {})
+    failed = result.get("failed")
+    if failed is None:
+        return [missing("Which samples failed is not recorded.")]
     if not failed:
         return [Note(text="No sample failed.")]
     said = f"{len(failed)} of {result['samples']} samples failed and are in no number: all holds for the others only."

@@ -50,7 +50,8 @@ def the_scene(run: Run, window: tuple[float, float] | None = None) -> Section:
     except CaseError as error:
         return Section(title=title, blocks=[missing(f"The frames cannot be read: {error}")])
     if found is None:
-        said = "The run has no frames to show (output.frames = 0)."
+        why = f" (output.frames = {run.case.output.frames})" if run.case is not None else ""
+        said = f"The run has no frames to show{why}."
         return Section(title=title, blocks=[missing(said)])
     return Section(title=title, blocks=[scene_of(found)])
 

@@ -30,7 +30,7 @@ def write_samples(
     result: Values,
     folder: Path,
 ) -> None:
-    """Write the tables of a study with the samples themselves; one that failed has its row and its reason.
+    """Write the tables of a study with the samples themselves; one that failed or lacks a value has its row and reason.
 
     Args:
         sampling: The samples.
@@ -41,13 +41,15 @@ def write_samples(
     """
     folder.mkdir(parents=True, exist_ok=True)
     inputs, text = sampling.inputs, io.StringIO()
+    analysed = {row["output"]: outputs[row["output"]] for row in result["outputs"]}
+    reasons = [failures.get(k) or _no_value(analysed, k) for k in range(len(sampling.values))]
     labels = [f"{name} [{unit or '-'}]" for name, unit in zip(inputs.names, inputs.units, strict=True)]
     table = csv.writer(text, lineterminator="\n")
     table.writerow(["sample", "state", "reason", *labels, *outputs])
     for k, row in enumerate(sampling.values):
         numbers = [None if np.isnan(values[k]) else float(values[k]) for values in outputs.values()]
         state = "failed" if k in failures else "done"
-        table.writerow([k, state, failures.get(k, ""), *map(float, row), *numbers])
+        table.writerow([k, state, reasons[k], *map(float, row), *numbers])
     write_text(folder / "samples.csv", text.getvalue())
     study = sampling.study
     about = {
@@ -62,7 +64,7 @@ def write_samples(
             for name, key, unit in zip(inputs.names, inputs.keys, inputs.units, strict=True)
         ],
     }
-    members = _members(sampling, outputs, failures, [row["output"] for row in result["outputs"]])
+    members = _members(sampling, analysed, failures, reasons)
     write_text(folder / "sample.json", json.dumps(about | result | {"members": members}, indent=2) + "\n")
     write_text(folder / "sample.md", _page(study.title or Path(study.case).stem, result))
 
@@ -74,24 +76,32 @@ def _origin(study: SampleStudy, name: str) -> str:
             ends = {key: getattr(one, key) for key in ("mean", "std", "low", "high")}
             said = ", ".join(f"{key} {value}" for key, value in ends.items() if value is not None)
             return f"{one.distribution}: {said}"
-    return next((f"{fit.take} of {fit.file}" for fit in study.fit if name in fit.keys), "")
+    fits = (fit for fit in study.fit if name in (fit.name, *(f"{fit.name}.{key}" for key in fit.keys)))
+    return next((f"{fit.take} of {fit.file}" for fit in fits), "not recorded")
+
+
+def _no_value(outputs: Mapping[str, Array], number: int) -> str:
+    """Return which outputs a sample does not have, "" for none."""
+    names = [name for name, values in outputs.items() if not np.isfinite(values[number])]
+    return f"no value of {', '.join(names)}" if names else ""
 
 
 def _members(
-    sampling: Sampling, outputs: Mapping[str, Array], failures: Mapping[int, str], chosen: Sequence[str]
+    sampling: Sampling, outputs: Mapping[str, Array], failures: Mapping[int, str], reasons: Sequence[str]
 ) -> Values:
-    """Return the samples themselves by columns: how each ended, its inputs, those of its outputs that are analysed."""
+    """Return the samples themselves by columns: how each ended, its inputs, the outputs given."""
     count = len(sampling.values)
     return {
         "sample": list(range(count)),
         "state": ["failed" if k in failures else "done" for k in range(count)],
-        "reason": [failures.get(k, "") for k in range(count)],
+        "reason": list(reasons),
         "inputs": {
             name: [float(value) for value in sampling.values[:, k]]
             for k, name in enumerate(sampling.inputs.names)
         },
         "outputs": {
-            name: [float(value) if np.isfinite(value) else None for value in outputs[name]] for name in chosen
+            name: [float(value) if np.isfinite(value) else None for value in values]
+            for name, values in outputs.items()
         },
     }
 

@@ -98,6 +98,7 @@ def analyse(sampling: Sampling, outputs: Mapping[str, Array], failures: Mapping[
         notes.append(
             f"{len(failures)} of {count} samples FAILED and are in no number: what is below holds for the others only"
         )
+    notes += _without_value({name: outputs[name] for name in chosen}, count - len(failures))
     design = sampling.study.design
     return {
         "samples": count,
@@ -107,6 +108,16 @@ def analyse(sampling: Sampling, outputs: Mapping[str, Array], failures: Mapping[
         "notes": notes,
         "outputs": [{"output": name, **_of_output(sampling, outputs[name])} for name in chosen],
     }
+
+
+def _without_value(outputs: Mapping[str, Array], ended: int) -> list[str]:
+    """Return which outputs samples that have not failed do not have."""
+    left = {name: ended - int(np.isfinite(values).sum()) for name, values in outputs.items()}
+    return [
+        f"NO VALUE of {name} in {gone} of {ended} samples that have not failed: its statistics hold for the others only"
+        for name, gone in left.items()
+        if gone > 0
+    ]
 
 
 def chosen_outputs(wanted: Sequence[str], outputs: Mapping[str, Array]) -> tuple[list[str], list[str]]:
@@ -138,7 +149,7 @@ def _of_output(sampling: Sampling, values: Array) -> Values:
             "count": int(done.sum()),
             "mean": value,
             "std": 0.0,
-            "text": "it does not vary",
+            "text": "it does not vary" if len(known) else "no sample has a value",
             "indices": [],
         }
     if sampling.study.design.method == "sobol":
