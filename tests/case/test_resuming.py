@@ -120,15 +120,6 @@ def test_what_changes_the_way_on_is_refused_until_it_is_allowed(tmp_path, overri
     assert result["last"]["t_s"] == pytest.approx(0.08, rel=1e-12)
 
 
-def test_every_change_is_named_before_it_is_allowed(tmp_path):
-    out = broken_off(tmp_path / "run")
-    changed = case_with("time.dt='1 ms'", "fluid.viscosity='20 cP'")
-    both = "fluid.viscosity: .* was 10 cP, it is 20 cP; time.dt was 2 ms, it is 1 ms; --allow-change"
-    other = "time.dt: .* was 2 ms, it is 1 ms; fluid.viscosity was 10 cP, it is 20 cP; --allow-change"
-    with pytest.raises(CaseError, match=f"{both}|{other}"):
-        run_case(changed, out=out, resume=True, comm=SELF)
-
-
 def test_values_that_differ_little_are_told_apart():
     case = case_with("fluid.viscosity='10 cP'")
     assert shown_pair(case, "fluid.viscosity", 0.1, 0.1 * (1 + 1e-9)) == ("10 cP", "10.00000001 cP")
