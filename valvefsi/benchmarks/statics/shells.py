@@ -27,8 +27,9 @@ from valvefsi.benchmarks.references import read
 from valvefsi.benchmarks.results import Reference
 from valvefsi.benchmarks.statics.study import Answer, Mesh, References, Static, StaticParts, body_of
 from valvefsi.geometry.shapes import box
+from valvefsi.solid import loads as solid_loads
 from valvefsi.solid import statics
-from valvefsi.solid.loads import DeadLoad, PointLoad, Tether
+from valvefsi.solid.loads import DeadLoad, PointLoad
 from valvefsi.solid.materials import SaintVenantKirchhoff
 from valvefsi.solid.statics import Fixed, SolidShell
 from valvefsi.solid.structure_stress import stress_of_equilibrium
@@ -59,7 +60,7 @@ class Setting:
     fixed: Sequence[Fixed]
     loads: Sequence[DeadLoad | PointLoad]
     points: Array
-    tethers: Sequence[Tether] = ()
+    tethers: Sequence[solid_loads.Tether] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +220,7 @@ class Hemisphere(ThinShell):
             ],
             points=self.radius * np.eye(3)[:2] + 1e-7,
             # so weak that it only keeps the shell from floating
-            tethers=[Tether(components=("z",), stiffness=1e-3)],
+            tethers=[solid_loads.Tether(components=("z",), stiffness=1e-3)],
         )
 
     def read_off(self, u: Array) -> Sequence[float]:
