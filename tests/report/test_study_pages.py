@@ -105,3 +105,15 @@ def test_the_columns_of_a_table_are_looked_at_once(monkeypatch, tmp_path):
     html(page)
     blocks = [block for part in page.parts for section in part.sections for block in section.blocks]
     assert len(looked) == sum(block.kind == "table" for block in blocks)
+
+
+def test_a_file_of_a_grid_that_is_gone_is_named_on_the_page(tmp_path):
+    folder = grids_folder(tmp_path / "study")
+    assert "cannot be read." not in Parsed(html(report([folder]))).words
+    (folder / "h=1mm" / "history.csv").unlink()
+    (folder / "h=0.5mm,kernel=ib4" / "summary.json").write_text("{")
+    warned = re.findall(r'class="warning">([^<]*cannot be read[^<]*)', html(report([folder])))
+    assert warned == [
+        "h=1mm/history.csv is not there or cannot be read.",
+        "h=0.5mm,kernel=ib4/summary.json is not there or cannot be read.",
+    ]

@@ -28,6 +28,7 @@ from valvefsi.studies.grid_numbers import (
 )
 from valvefsi.studies.grid_report import draw_verification, write_verification
 from valvefsi.studies.grid_study import Wanted, make_grid_study
+from valvefsi.studies.members import collected
 from valvefsi.studies.runner import run_members, waiting_members
 
 PROGRAM = (sys.executable, str(Path(__file__).with_name("fake_grids.py")))
@@ -154,6 +155,29 @@ def test_answers_of_known_order_are_found_and_what_failed_is_named(case, tmp_pat
         rows = {(row["quantity"], row["norm"]): row for row in csv.DictReader(file)}
     assert float(rows["last.u_x_tip_cm", ""]["order"]) == pytest.approx(2.0)
     assert float(rows["p_z_lower_mmHg", "L2"]["order"]) == pytest.approx(1.0)
+
+
+def test_files_of_members_that_are_gone_are_named(case, tmp_path):
+    folder = tmp_path / "study"
+    study = make_grid_study(case, wanted())
+    run_members(case, study.members, folder)
+    (folder / "h=0.125" / "history.csv").unlink()
+    outcomes = run_members(case, study.members, folder, resume=True)
+    result = assess(study, outcomes)
+    (note,) = [note for note in result["notes"] if note.startswith("MISSING FILE")]
+    assert note.startswith(
+        "MISSING FILE: h=0.125/history.csv is not there or cannot be read: no waveform of h=0.125 "
+    )
+    assert result["quantities"]
+    write_verification(case, study, result, folder)
+    assert note in (folder / "verification.md").read_text()
+    (folder / "h=0.25" / "summary.json").write_text('{"last": {"u_cm": 1')
+    notes = assess(study, outcomes)["notes"]
+    assert any(note.startswith("MISSING FILE: h=0.25/summary.json") for note in notes)
+    assert waiting_members(case, study.members, folder, resume=True) == [study.grids[0]]
+    assert any(
+        "summary.json is not there or damaged" in o.message for o in collected(case, study.grids, folder)
+    )
 
 
 def check_numbers(rows):

@@ -10,7 +10,7 @@ from typing import Any
 from valvefsi.report.blocks import Block, Cell, Chapter, Note, Section, Table, missing
 from valvefsi.report.members import files_of, of_member, or_dash, over_one_another
 from valvefsi.report.results import pictures
-from valvefsi.report.runs import open_run, read_table
+from valvefsi.report.runs import is_table, open_run, read_table
 
 NUMBER = ("order", "Richardson's value", "GCI [%]", "uncertainty")
 """Headings of what grids or time steps say of a number."""
@@ -64,8 +64,26 @@ def _grid_study(folder: Path, result: Mapping[str, Any]) -> list[Block]:
         Note(text=f"{name} failed and is in no number: {why}", tone="warning")
         for name, why in result.get("failed", {}).items()
     ]
+    blocks += _gone(folder, result)
     blocks.append(_members(folder, result))
     return [*blocks, *files_of(folder, ("verification.json", "verification.csv", "changes.csv"))]
+
+
+def _gone(folder: Path, result: Mapping[str, Any]) -> list[Block]:
+    """Return which files of members, whose numbers are in the result, are not beside it."""
+    changed = [place.parent for place in sorted(folder.glob("*/member.json")) if _ended(place)]
+    places = dict.fromkeys([*(folder / str(grid["member"]) for grid in result.get("grids", ())), *changed])
+    held = {place: (is_table(place / "summary.json"), (place / "history.csv").is_file()) for place in places}
+    return [
+        Note(text=f"{place.name}/{file} is not there or cannot be read.", tone="warning")
+        for place, found in held.items()
+        for file, there in zip(("summary.json", "history.csv"), found, strict=True)
+        if not there
+    ]
+
+
+def _ended(record: Path) -> bool:
+    return read_table(record).get("state") in ("done", "kept")
 
 
 def _members(folder: Path, result: Mapping[str, Any]) -> Block:

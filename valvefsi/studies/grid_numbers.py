@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -74,22 +74,19 @@ def assess(study: GridStudy, outcomes: Sequence[Outcome], *, trust: bool = False
         return result
     ratios = [a / b for (_, a), (_, b) in itertools.pairwise(pairs)]
     numbers, silent = without_round_off({name: numbers_of(o.summary) for name, o in done.items()})
-    if silent:
-        result["notes"].append(
-            f"round-off beside others of their unit, taken as zero: {', '.join(sorted(silent))}"
-        )
-    result["quantities"] = _quantities([numbers[m.name] for m, _ in pairs], ratios, study.expected)
+    on_grids = [m.name for m, _ in pairs]
+    result["quantities"] = _quantities([numbers[name] for name in on_grids], ratios, study.expected)
     waves, _ = without_round_off({name: _history(outcome) for name, outcome in done.items()})
     beats = {name: beat for name, outcome in done.items() if (beat := _beat(outcome, trust)) is not None}
-    result["waveforms"] = waveform_rows([waves[m.name] for m, _ in pairs], ratios, study.expected)
-    if all(m.name in beats for m, _ in pairs):
-        result["beats"] = beat_rows([beats[m.name] for m, _ in pairs])
+    result["notes"] += _taken_as_zero(silent) + _gone(numbers, waves)
+    result["waveforms"] = waveform_rows([waves[name] for name in on_grids], ratios, study.expected)
+    if all(name in beats for name in on_grids):
+        result["beats"] = beat_rows([beats[name] for name in on_grids])
     if study.base.name in done:
-        kept = {key: m for key, m in _changes(study).items() if m.name in done}
-        names = [m.name for m in kept.values()]
+        kept = {key: m.name for key, m in _changes(study).items() if m.name in done}
         result["changes"] = [
-            *_changed_numbers(numbers, study.base.name, dict(zip(kept, names, strict=True))),
-            *changed_waves(waves, study.base.name, dict(zip(kept, names, strict=True))),
+            *_changed_numbers(numbers, study.base.name, kept),
+            *changed_waves(waves, study.base.name, kept),
         ]
         result["time_steps"] = _time_steps(numbers, study, set(done))
         add_dependence(result, study, numbers[study.base.name])
@@ -99,6 +96,23 @@ def assess(study: GridStudy, outcomes: Sequence[Outcome], *, trust: bool = False
 def _few(study: GridStudy, done: int) -> list[str]:
     """Return what the grids that are done cannot say where others have failed."""
     return too_few(done, study.expected) if 0 < done < len(study.grids) else []
+
+
+def _taken_as_zero(names: Iterable[str]) -> list[str]:
+    said = ", ".join(sorted(names))
+    return [f"round-off beside others of their unit, taken as zero: {said}"] if said else []
+
+
+def _gone(numbers: Mapping[str, Mapping[str, float]], waves: Mapping[str, Waves]) -> list[str]:
+    """Return which members that are done have left no numbers or no waveforms."""
+    left = {"summary.json": ("number", numbers), "history.csv": ("waveform", waves)}
+    return [
+        f"MISSING FILE: {member}/{file} is not there or cannot be read: no {what} of {member} is in any table, "
+        "and none that needs it on all grids"
+        for file, (what, held) in left.items()
+        for member, found in held.items()
+        if not found
+    ]
 
 
 def _changes(study: GridStudy) -> dict[str, Any]:
@@ -269,7 +283,8 @@ def _history(outcome: Outcome) -> Waves:
     path = outcome.folder / "history.csv"
     if not path.is_file():
         return {}
-    return {name: np.array(column, dtype=float) for name, column in read_history(path).items()}
+    columns = {name: np.array(column, dtype=float) for name, column in read_history(path).items()}
+    return columns if len(columns.get("t_s", ())) else {}
 
 
 def _beat(outcome: Outcome, trust: bool) -> Beat | None:

@@ -162,7 +162,7 @@ def standing(folder: Path, member: Member, case: Case) -> Standing:
         raise CaseError(
             f"{message}; --overwrite replaces the study, another --out keeps it", file=folder, key=fixed[0]
         )
-    if not changed and (folder / SUMMARY).is_file():
+    if not changed and read_json(folder / SUMMARY):
         return "done"
     meta = newest_meta(folder / "checkpoints", MPI.COMM_SELF)
     if not meta:
@@ -191,6 +191,7 @@ def collected(case: Path, members: Sequence[Member], folder: Path, *, trust: boo
             continue
         record = read_json(place / RECORD)
         said = {"running": "it has not ended", "stopped": "it was stopped, its checkpoint is there"}
+        said["done"] = f"it has ended, but its {SUMMARY} is not there or damaged"
         why = record.get("message") or said.get(record.get("state", ""), "it has not been run")
         found.append(Outcome(member=member, folder=place, state="failed", message=str(why)))
     return found
