@@ -67,15 +67,16 @@ def test_a_run_says_its_units_in_its_case(tmp_path):
 
 def test_what_a_case_asks_for_is_drawn_first_and_all_of_it():
     asked = ["pressure_in_dyn_per_cm2", "flow_in_cm3_per_s", "flow_out_cm3_per_s", "pdva_cm2", "u_x_tip_cm"]
-    asked += [f"leaflets_post_{k}_inward_mm" for k in (1, 2, 3)] + ["q_z_lower_ml_s", "p_z_lower_mmHg"]
+    asked += [f"leaflets_post_{k}_inward_mm" for k in range(1, 9)] + ["q_z_lower_ml_s", "p_z_lower_mmHg"]
     history = {name: [0.0, 2.0] for name in ("t_s", "courant", "kinetic_energy_erg", *asked)}
     panels = usual_panels(history, Units())
     labels = [panel.label for panel in panels]
     assert labels[:3] == ["flow [ml/s]", "pressure in [mmHg]", "PDVA [cm\u00b2]"]
     assert labels[-2:] == ["kinetic energy [mJ]", "Courant number [-]"]
     assert sum(len(panel.lines) for panel in panels) == len(asked) + 2
-    posts = next(panel for panel in panels if panel.label == "posts [mm]")
-    assert list(posts.lines) == [f"leaflets post {k} inward" for k in (1, 2, 3)]
+    posts = [list(panel.lines) for panel in panels if panel.label == "posts [mm]"]
+    said = [f"leaflets post {k} inward" for k in range(1, 9)]
+    assert posts == [said[:6], said[6:]]  # a panel has six colours
     assert list(panels[0].lines) == ["in", "out"]
 
 

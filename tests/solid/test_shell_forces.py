@@ -13,6 +13,7 @@ from valvefsi.solid.structure import Discretisation, Structure
 
 AXES = {"fibre": (0.8, 0.6, 0.0), "sheet": (-0.6, 0.8, 0.0)}
 ROUNDED = FibreFamily(k1=24.0, k2=15.0, kappa=0.29, fibre="fibre")
+STRAIGHT = FibreFamily(k1=2.0, k2=5.0, lam_max=1.02, fibre="fibre")
 
 
 class Sum:
@@ -21,7 +22,7 @@ class Sum:
     shear_modulus = 3.0
     parts = (
         MooneyRivlin(c1=3.0, c2=2.0),
-        HGO(c10=1.0, c01=22.6, families=(ROUNDED,), width=1e-3),
+        HGO(c10=1.0, c01=22.6, families=(ROUNDED, STRAIGHT), width=1e-3),
         HolzapfelOgden(a=3.0, b=2.0, a_f=5.0, b_f=4.0, a_s=2.0, b_s=3.0, a_fs=1.0, b_fs=2.0, **AXES),
         Fung(c=3.0, a1=2.0, a2=1.0, a3=0.5, a4=1.0, a5=1.5, a8=2.0, a9=1.0, **AXES),
         Guccione(C=3.0, bf=8.0, bt=2.0, bfs=4.0, fibre="fibre"),
