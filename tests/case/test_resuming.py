@@ -434,7 +434,7 @@ def test_a_clock_that_jumps_does_no_harm(tmp_path, monkeypatch, whole):
 def test_the_disk_that_a_plan_names_is_enough_and_not_far_too_much(tmp_path, monkeypatch):
     made = case_with("grid.cells=[128, 128]", "solid.block.mesh.elements=[32, 32]", "output.frames=20")
     simulation = build(made, tmp_path / "run", SELF)
-    needed = disk_needed(simulation.model, simulation.output, simulation.schedule.num_steps)
+    needed = disk_needed(simulation.model, simulation.output, simulation.schedule.num_steps())
     simulation.run()
     used = sum(path.stat().st_size for path in (tmp_path / "run").rglob("*") if path.is_file())
     assert used < needed < 10 * used

@@ -42,7 +42,7 @@ def test_the_first_line_of_a_plan_has_the_numbers_of_its_table(overrides):
     schedule = schedule_of(at_target(case)[0])
     entries = [
         Entry(quantity="spacing h", value=case.grid.spacing, unit="cm"),
-        Entry(quantity="steps", value=schedule.num_steps),
+        Entry(quantity="steps", value=schedule.num_steps()),
         Entry(quantity="time step", value=schedule.dt, unit="s"),
     ]
     h, steps, dt = (f"{value} {unit}".strip() for _, value, unit, _ in planned(entries))

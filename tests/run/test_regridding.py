@@ -18,6 +18,7 @@ from valvefsi import fsi
 from valvefsi.case import load_case, parse_case
 from valvefsi.case.build import plan_case, run_case
 from valvefsi.case.resuming import check_shapes
+from valvefsi.cli.run import first_line
 from valvefsi.errors import CaseError
 from valvefsi.fluid.boundary import Boundary
 from valvefsi.fluid.navier_stokes import NavierStokes
@@ -135,7 +136,12 @@ def test_a_case_begins_from_another_run_and_is_resumed(shared_tmp, comm):
     run_case(parse_case(RAW), out=coarse, comm=comm)
     changes = ["grid.cells=[24, 24]", "solid.block.mesh.elements=[6, 6]", "time.dt='1 ms'"]
     changes += [f"start.run='{coarse}'", "time.t_end='120 ms'"]
-    run_case(parse_case(RAW, changes), out=fine, comm=comm)
+    asked = parse_case(RAW, changes)
+    planned = {entry.quantity: entry.value for entry in plan_case(asked, comm)["plan"]}
+    assert planned["steps"] == 40  # from 80 ms to 120 ms
+    assert planned["expected time"] == pytest.approx(40 * planned["time of a step"])
+    assert ", 40 steps of 1 ms\n" in first_line(asked, "fine")
+    run_case(asked, out=fine, comm=comm)
     rows, before = read_history(fine / "history.csv"), read_history(coarse / "history.csv")
     assert [rows["t_s"][0], rows["t_s"][-1]] == pytest.approx([0.08, 0.12])
     assert rows["kinetic_energy_erg"][0] == pytest.approx(before["kinetic_energy_erg"][-1], rel=0.05)
@@ -177,6 +183,8 @@ def test_what_is_no_run_to_begin_from_is_refused(shared_tmp, comm):
     over = parse_case(RAW, [f"start.run='{out}'", "time.t_end='40 ms'"])
     with pytest.raises(CaseError, match="after this end"):
         run_case(over, out=shared_tmp / "short", comm=comm)
+    with pytest.raises(CaseError, match="after this end"):
+        plan_case(over, comm)
 
 
 def test_forty_steps_from_a_taken_over_state_follow_the_run_it_is_of(shared_tmp, comm):

@@ -22,7 +22,15 @@ from valvefsi.case.models import Case, Solid
 from valvefsi.case.origins import write_provenance
 from valvefsi.case.plan_warnings import plan_warnings
 from valvefsi.case.reading import load_case
-from valvefsi.case.resuming import check_shapes, check_start, clear, provenance_of, run_folder, shown_pair
+from valvefsi.case.resuming import (
+    check_shapes,
+    check_start,
+    clear,
+    provenance_of,
+    run_folder,
+    shown_pair,
+    start_time,
+)
 from valvefsi.case.schedule import schedule_of
 from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
 from valvefsi.case.target import at_target, plan_target, target_numbers
@@ -136,7 +144,8 @@ def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, out: Path = Path()) -
     """Return the plan of a case that would run in a folder, see `valvefsi.run.planning`. Collective."""
     check_start(case)
     case, chosen = at_target(case, comm)
-    entries = [*plan(build(case, out, comm)), *cell_reynolds_number(case), *plan_warnings(case)]
+    begin = start_time(case)
+    entries = [*plan(build(case, out, comm), begin), *cell_reynolds_number(case), *plan_warnings(case)]
     return {"plan": [*entries, *plan_target(case, chosen)]}
 
 

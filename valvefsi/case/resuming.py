@@ -101,6 +101,21 @@ def check_start(case: Case) -> None:
     raise CaseError(message, file=case.file, key="start.run", value=case.start.run)
 
 
+def start_time(case: Case) -> float:
+    """Return the time of the newest state of the run that a case begins from, 0 where it begins from rest [s].
+
+    Raises:
+        CaseError: It lies after the end of the case.
+    """
+    if case.start is None or not case.start.run:
+        return 0.0
+    meta = checkpoint.newest_meta(Path(case.start.run) / "checkpoints", MPI.COMM_SELF)
+    if not meta:
+        return 0.0
+    check_end(meta["t"], meta["dt"], case.time.t_end, case.file)
+    return float(meta["t"])
+
+
 def check_shapes(there: Case, here: Case) -> None:
     """Refuse a run to begin from whose solids have another unloaded shape: displacements are those of places in it.
 

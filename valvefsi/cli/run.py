@@ -85,13 +85,14 @@ def _plan(case: Case, comm: MPI.Comm, folder: Path) -> dict[str, Any]:
 
 def first_line(case: Case, name: str) -> str:
     """Say how large a case is, before what takes longer: the first run of a kind compiles its loops and forms."""
+    from valvefsi.case.resuming import start_time
     from valvefsi.case.schedule import schedule_of
 
     cells, schedule = " x ".join(str(len(edges) - 1) for edges in case.grid.edges), schedule_of(case)
     h, dt = (" ".join(in_plan(*pair)) for pair in ((case.grid.spacing, "cm"), (schedule.dt, "s")))
     of = "or more, of at most" if case.time.control == "adaptive" else "of"
     return (
-        f"{case.title or name}: {cells} cells of {h}, {schedule.num_steps} steps {of} {dt}\n"
+        f"{case.title or name}: {cells} cells of {h}, {schedule.num_steps(start_time(case))} steps {of} {dt}\n"
         "building it; the first time this takes a minute ..."
     )
 

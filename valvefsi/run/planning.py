@@ -35,34 +35,36 @@ from valvefsi.run.stable_step import measured_limit
 TRIAL_STEPS = 5
 
 
-def plan(simulation: Simulation) -> list[Entry]:
+def plan(simulation: Simulation, t: float = 0.0) -> list[Entry]:
     """Return size, memory, limits of the step and expected time of a run.
 
     Args:
         simulation: The simulation, not run yet; a few trial steps are taken from its first state and thrown away.
+        t: Time from which it is run [s].
 
     Note:
         Collective.
     """
     model, schedule = simulation.model, simulation.schedule
+    steps = schedule.num_steps(t)
     held = [entry for body in model.bodies for entry in body.statics(schedule.dt)]
     return [
-        *_size(model, schedule),
-        _disk(simulation),
+        *_size(model, schedule, steps),
+        _disk(simulation, steps),
         *_limits(simulation),
         *held,
-        *_cost(simulation),
+        *_cost(simulation, steps),
     ]
 
 
-def _size(model: Model, schedule: Schedule | AdaptiveSchedule) -> list[Entry]:
+def _size(model: Model, schedule: Schedule | AdaptiveSchedule, steps: int) -> list[Entry]:
     grid = model.grid
     cells = " x ".join(str(n) for n in grid.cells[: grid.dim])
     note = "or more, where the time step is shorter" if isinstance(schedule, AdaptiveSchedule) else ""
     entries = [
         Entry(quantity="cells", value=math.prod(grid.cells), note=cells),
         Entry(quantity="spacing h", value=float(grid.spacing[0]), unit="cm"),
-        Entry(quantity="steps", value=schedule.num_steps, note=note),
+        Entry(quantity="steps", value=steps, note=note),
         Entry(quantity="ranks", value=grid.comm.size),
     ]
     for body in model.bodies:
@@ -85,9 +87,9 @@ def _memory(model: Model) -> Entry:
     )
 
 
-def _disk(simulation: Simulation) -> Entry:
+def _disk(simulation: Simulation, steps: int) -> Entry:
     output = simulation.output
-    needed = disk_needed(simulation.model, output, simulation.schedule.num_steps) / 1e9
+    needed = disk_needed(simulation.model, output, steps) / 1e9
     free = disk_free(output.directory) / 1e9
     note = f"{free:.3g} GB are free" if needed < free else f"ONLY {free:.3g} GB ARE FREE"
     return Entry(quantity="disk, at most", value=needed, unit="GB", note=note)
@@ -144,7 +146,7 @@ def _share(ratio: float) -> str:
     return f"the step is {100.0 * ratio:.3g} % of it" if ratio <= 1.0 else f"the step is {ratio:.3g} times it"
 
 
-def _cost(simulation: Simulation) -> list[Entry]:
+def _cost(simulation: Simulation, steps: int) -> list[Entry]:
     model, schedule = simulation.model, simulation.schedule
     state = simulation.initial or fsi.initial_state(model, schedule.dt)
     parts: dict[str, float] = defaultdict(float)
@@ -175,7 +177,7 @@ def _cost(simulation: Simulation) -> list[Entry]:
         ),
         Entry(
             quantity="expected time",
-            value=each * schedule.num_steps,
+            value=each * steps,
             unit="s",
             note="without output",
             wall=True,

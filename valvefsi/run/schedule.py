@@ -51,10 +51,9 @@ class Schedule:
     max_recoveries: int = 0
     measure_every: int = 0
 
-    @property
-    def num_steps(self) -> int:
-        """Number of steps from 0 to the end, rounded to a whole one."""
-        return max(1, round(self.t_end / self.dt))
+    def num_steps(self, t: float = 0.0) -> int:
+        """Return the number of steps from a time [s] to the end, rounded to a whole one."""
+        return max(1, round((self.t_end - t) / self.dt))
 
     def finished(self, state: State) -> bool:
         """Whether a state is the last one: the end is nearer than half a step."""
@@ -70,7 +69,7 @@ class Schedule:
 
     def share(self, state: State) -> float:
         """Return the part of the run that is done, 0 to 1."""
-        return 1.0 if self.finished(state) else min(1.0, state.t / (self.num_steps * self.dt))
+        return 1.0 if self.finished(state) else min(1.0, state.t / (self.num_steps() * self.dt))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,10 +111,9 @@ class AdaptiveSchedule:
                 f"expected 0 < cfl <= cfl_max and growth > 1, got {self.cfl}, {self.cfl_max}, {self.growth}"
             )
 
-    @property
-    def num_steps(self) -> int:
-        """Smallest number of steps from 0 to the end."""
-        return max(1, math.ceil(self.t_end / self.dt - 1e-9))
+    def num_steps(self, t: float = 0.0) -> int:
+        """Return the smallest number of steps from a time [s] to the end."""
+        return max(1, math.ceil((self.t_end - t) / self.dt - 1e-9))
 
     def finished(self, state: State) -> bool:
         """Whether a state is the last one."""

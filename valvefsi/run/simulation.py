@@ -118,7 +118,7 @@ class Simulation:
         """
         keep_freed_memory()
         state = self._first_state(resume)
-        warn_of_disk(self.model, self.output, self.schedule.num_steps)
+        warn_of_disk(self.model, self.output, self.schedule.num_steps(state.t))
         first, self.earlier = state.step, len(self.memory.recoveries)
         try:
             memory, before = self.memory, state if resume else None
