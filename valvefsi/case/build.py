@@ -88,7 +88,9 @@ def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD, changes: Chang
     grid = build_grid(case, comm)
     fluid = build_fluid(case, grid)
     meshes: dict[int, SolidMesh] = {}
-    for k in range(len(case.solid)):  # never in a temporary: a mesh freed while an error is raised blocks mpi4py's lock
+    for k in range(
+        len(case.solid)
+    ):  # never in a temporary: a mesh freed while an error is raised blocks mpi4py's lock
         meshes[k] = solid_mesh(case, k, comm)
     edges = check_leaflets(case, meshes)
     rigid = build_rigid(case, grid, edges)  # first: it says what is wrong with own leaflets
