@@ -46,6 +46,9 @@ def test_the_study_of_the_calibration_runs_by_the_circuit_alone(tmp_path):
     assert result["outputs"][0]["output"] == "mean_pressure_difference_mmHg"
     assert all(row["surrogate_relative_error"] < 0.05 for row in result["outputs"])
     assert (tmp_path / "sample.png").stat().st_size > 20_000
+    paper = RUNNER.invoke(cli.app, [*words, "--set", "orifice.steps=300", "--style", "paper"])
+    assert paper.stdout.splitlines()[-1].endswith(", sample.pdf")
+    assert (tmp_path / "sample.pdf").read_bytes().startswith(b"%PDF")
     refused = RUNNER.invoke(cli.app, [*words, "--array"])
     assert isinstance(refused.exception, CaseError)
 

@@ -98,6 +98,9 @@ def test_a_sweep_leaves_a_table_a_picture_and_says_where(study):
     assert (study.folder / "sweep.png").stat().st_size > 10_000
     again = sweep(study, "--set", "time.t_end=2", "--resume")
     assert again.stdout.startswith("2 of 2 members done before\n")
+    paper = sweep(study, "--set", "time.t_end=2", "--resume", "--style", "paper")
+    assert paper.stdout.splitlines()[-1].endswith(", sweep.pdf")
+    assert (study.folder / "sweep.pdf").read_bytes().startswith(b"%PDF")
     assert len(study.begun()) == len(study.events) / 2 == 2
 
 

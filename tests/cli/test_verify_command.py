@@ -53,8 +53,11 @@ def test_the_cost_is_said_first_and_what_is_done_is_neither_planned_nor_run_agai
     assert "order 2.00, index 0.114 %" in " ".join(more.split())
     assert more.splitlines()[-1] == f"results in {verify.folder / 'verification.md'}, verification.png"
     assert (verify.folder / "events").read_text().split() == ["h=0.25", "h=0.125", "h=0.0625"]
-    again = verify("--resume", grids="0.25,0.125,0.0625").stdout
+    again = verify("--resume", "--style", "paper", grids="0.25,0.125,0.0625").stdout
     assert "expected time" not in again
+    assert again.splitlines()[-1].endswith(", verification.pdf")
+    assert (verify.folder / "verification.pdf").read_bytes().startswith(b"%PDF")
+    assert "slope 2,0.625," in (verify.folder / "verification_data.csv").read_text()
 
 
 def test_a_member_that_fails_is_named_and_the_rest_is_written(verify):

@@ -11,7 +11,7 @@ import typer
 
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Anew, JobsOfSamples, Out, Set, StudyFile, Trust
+from valvefsi.cli.options import Anew, JobsOfSamples, Out, Set, StudyFile, Style, Trust
 from valvefsi.cli.study_plan import print_plan, raise_failed
 from valvefsi.cli.tables import print_lines, print_table
 from valvefsi.errors import CaseError, StudyError
@@ -49,6 +49,7 @@ class SampleCommand:
         bool, typer.Option("--collect", help="Run nothing: make table and picture of what is done.")
     ] = False
     trust: Trust = False
+    style: Style = "screen"
 
 
 @options_of(SampleCommand)
@@ -75,9 +76,9 @@ def sample(options: SampleCommand) -> None:
         said = {"circuit": "the circuit alone takes seconds", "statics": "statics take minutes"}
         raise CaseError(f"{said[study.target]}; this is for runs", key=f"--{word}")
     if study.target == "circuit":
-        _finish(sampling, _circuits(sampling, trust=options.trust), folder)
+        _finish(options, sampling, _circuits(sampling, trust=options.trust), folder)
     else:
-        _finish(sampling, _statics(options, sampling, folder), folder)
+        _finish(options, sampling, _statics(options, sampling, folder), folder)
 
 
 def _circuits(sampling: Sampling, *, trust: bool) -> Sampled:
@@ -133,7 +134,7 @@ def _runs(options: SampleCommand, sampling: Sampling, folder: Path) -> None:
         outcomes = collected(case, members, folder, trust=options.trust)
     else:
         outcomes = _run(options, case, members, folder)
-    _finish(sampling, outputs_of_runs(outcomes), folder)
+    _finish(options, sampling, outputs_of_runs(outcomes), folder)
     raise_failed(outcomes, "sample.json")
 
 
@@ -164,14 +165,16 @@ def _run(options: SampleCommand, case: Path, members: list[Member], folder: Path
         )
 
 
-def _finish(sampling: Sampling, found: Sampled, folder: Path) -> None:
+def _finish(options: SampleCommand, sampling: Sampling, found: Sampled, folder: Path) -> None:
     """Write and print what was found."""
+    from valvefsi.post.plots.paper import paper
     from valvefsi.studies.sample_report import draw_samples, write_samples
     from valvefsi.studies.sampling import analyse
 
     result = analyse(sampling, found.outputs, found.failures)
     write_samples(sampling, found.outputs, found.failures, result, folder)
-    picture = draw_samples(sampling, found.outputs, result, folder / "sample.png")
+    with paper(options.style == "paper"):
+        picture = draw_samples(sampling, found.outputs, result, folder / "sample.png")
     _show(result)
     also = "" if picture is None else f", {picture.name}"
     typer.echo(f"results in {folder / 'sample.md'}{also}")

@@ -11,7 +11,7 @@ import typer
 
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Anew, CaseFile, JobsOfMembers, Out, PlanMembers, Set, Trust
+from valvefsi.cli.options import Anew, CaseFile, JobsOfMembers, Out, PlanMembers, Set, Style, Trust
 from valvefsi.cli.study_plan import print_plan, raise_failed
 from valvefsi.cli.tables import number, print_table
 from valvefsi.post.columns import Units
@@ -47,6 +47,7 @@ class SweepCommand:
     jobs: JobsOfMembers = None
     plan: PlanMembers = False
     trust: Trust = False
+    style: Style = "screen"
 
 
 @options_of(SweepCommand)
@@ -71,6 +72,7 @@ def sweep(options: SweepCommand) -> None:
 
 def _run(options: SweepCommand, study: Sweep, cases: Mapping[str, Case], folder: Path) -> None:
     from valvefsi.cli.study_progress import StudyProgress
+    from valvefsi.post.plots.paper import paper
     from valvefsi.studies.runner import run_members
     from valvefsi.studies.sweep import write_tables
     from valvefsi.studies.sweep_picture import draw_sweep
@@ -87,7 +89,8 @@ def _run(options: SweepCommand, study: Sweep, cases: Mapping[str, Case], folder:
             progress=progress,
         )
     write_tables(options.case, study, outcomes, folder)
-    picture = draw_sweep(study, cases, outcomes, folder / "sweep.png")
+    with paper(options.style == "paper"):
+        picture = draw_sweep(study, cases, outcomes, folder / "sweep.png")
     first = next(iter(cases.values()))
     _show(outcomes, Units(system=first.output.units, dim=first.grid.dim))
     also = "" if picture is None else f", {picture.name}"

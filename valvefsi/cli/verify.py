@@ -12,7 +12,7 @@ import typer
 
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.option_groups import as_number, options_of
-from valvefsi.cli.options import Anew, CaseFile, JobsOfMembers, Out, PlanMembers, Set, Trust
+from valvefsi.cli.options import Anew, CaseFile, JobsOfMembers, Out, PlanMembers, Set, Style, Trust
 from valvefsi.cli.study_plan import print_plan, raise_failed
 from valvefsi.cli.tables import print_lines, print_table
 from valvefsi.verification.answers import why_no_order
@@ -77,6 +77,7 @@ class VerifyCommand:
     jobs: JobsOfMembers = None
     plan: PlanMembers = False
     trust: Trust = False
+    style: Style = "screen"
 
 
 @options_of(VerifyCommand)
@@ -112,6 +113,7 @@ def verify(options: VerifyCommand) -> None:
 
 def _run(options: VerifyCommand, study: GridStudy, folder: Path) -> None:
     from valvefsi.cli.study_progress import StudyProgress
+    from valvefsi.post.plots.paper import paper
     from valvefsi.studies.grid_numbers import assess
     from valvefsi.studies.grid_report import draw_verification, write_verification
     from valvefsi.studies.runner import run_members, waiting_members
@@ -127,7 +129,8 @@ def _run(options: VerifyCommand, study: GridStudy, folder: Path) -> None:
     result = assess(study, outcomes, trust=options.trust)
     write_verification(options.case, study, result, folder)
     title = next(iter(study.cases.values())).title
-    picture = draw_verification(title, result, outcomes, folder / "verification.png", study)
+    with paper(options.style == "paper"):
+        picture = draw_verification(title, result, outcomes, folder / "verification.png", study)
     _show(result)
     also = "" if picture is None else f", {picture.name}"
     typer.echo(f"results in {folder / 'verification.md'}{also}")
