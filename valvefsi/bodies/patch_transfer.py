@@ -128,7 +128,7 @@ class PatchTransfer:
         rigid_kernels.turn(G, F, *self.leads)
         for f, reach in zip(out, self.reach, strict=False):
             rigid_kernels.add_amplitudes(f.reshape(-1), G, reach.faces, reach.starts, reach.weights)
-        return self.single.spread(F[self.alone], out=out)
+        return self.single.spread(np.take(F, self.alone, axis=0), out=out)
 
     def interpolate(self, u: Faces) -> Array:
         """Return what is held of a velocity at the points of this rank, ``(n, 3)`` [cm/s]. Collective.
