@@ -85,7 +85,7 @@ KERNELS = (
     "fluid/stencils.py",
     "fluid/advection.py",
     "fluid/*kernels*.py",
-    "coupling/kernels.py",
+    "coupling/*kernels.py",
     "bodies/*kernels*.py",
     "solid/elements/*kernels*.py",
 )

@@ -258,7 +258,7 @@ class OnPosts(BodyBase):
 
     def memory(self) -> int:
         """Return the bytes that a step takes for it on this rank."""
-        return self.leaflets.memory() + self.wall.memory() + 8 * 12 * (len(self.X) + len(self.wall.X))
+        return self.leaflets.memory() + 8 * 12 * (len(self.X) + len(self.wall.X))
 
     def step_limits(self, h: float, rho: float) -> dict[str, float]:
         """Return bounds of a stable step by cause [s]: those of the leaflets (collective)."""

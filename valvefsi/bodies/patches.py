@@ -23,12 +23,13 @@ import numpy as np
 from mpi4py import MPI
 
 from valvefsi.bodies import rigid_kernels
+from valvefsi.bodies.patch_transfer import PatchTransfer
 from valvefsi.bodies.rigid import RigidSurface
 
 if TYPE_CHECKING:
     from valvefsi.coupling.transfer import Coupling
     from valvefsi.geometry.aortic_section import PointSurface
-    from valvefsi.types import Array, Indices
+    from valvefsi.types import Array, Faces, Indices
 
 LEAST = 0.5
 """Least cosine of the angle between a normal and that of its patch."""
@@ -48,7 +49,7 @@ class PatchedSurface(RigidSurface):
 
     Raises:
         StabilityError: A point lies too near to a side, on the rank of the point.
-        ValueError: Springs that cannot hold.
+        ValueError: Springs that cannot hold, or points in patches that slip one by one.
     """
 
     def __init__(
@@ -72,11 +73,23 @@ class PatchedSurface(RigidSurface):
             slip=slip,
             faces=surface.faces,
         )
-        self.patches = Patches(labels, surface.normals, surface.areas).on(self.ids, coupling.grid.comm)
+        patches = Patches(labels, surface.normals, surface.areas)
+        if np.ndim(slip) and np.any(np.asarray(slip)[patches.labels >= 0]):
+            raise ValueError("expected points in patches not to slip one by one, some do")
+        self.patches = patches.on(self.ids, coupling.grid.comm)
+        self.transfer = self._straight = PatchTransfer(coupling, self.X, self.patches)
 
     def held(self, v: Array) -> Array:
         """Return the means over patches of a vector at the points, ``(n, 3)`` (collective)."""
         return self.patches.mean(v)
+
+    def felt(self, u: Faces) -> Array:
+        """Return the means over patches of the velocity at the points, ``(n, 3)`` [cm/s]. Collective."""
+        return self.transfer.interpolate(u)
+
+    def memory(self) -> int:
+        """Return the bytes that a step takes for what its patches reach, on this rank."""
+        return self._straight.memory()
 
 
 class Patches:
@@ -121,11 +134,20 @@ class LocalPatches:
 
     def mean(self, v: Array) -> Array:
         """Return P v, ``(n, 3)``; points by themselves keep theirs (collective)."""
-        means, out = np.zeros((self.size, 3)), np.empty_like(v)
-        rigid_kernels.patch_sums(means, v, self.turns, self.labels, self.shares)
+        sums = np.zeros((self.size, 3))
+        rigid_kernels.patch_sums(sums, v, self.turns, self.labels, self.shares)
+        return self.turned_back(sums, v.copy())
+
+    def turned_back(self, sums: Array, out: Array) -> Array:
+        """Write to points what their patches hold; those by themselves are left alone (collective).
+
+        Args:
+            sums: This rank's parts of the amplitudes of the patches, ``(m, 3)``; those of all ranks afterwards.
+            out: Vectors at the points, ``(n, 3)``, which are returned.
+        """
         if self.comm.size > 1:
-            self.comm.Allreduce(MPI.IN_PLACE, means)
-        rigid_kernels.patch_means(out, v, means, self.turns, self.labels)
+            self.comm.Allreduce(MPI.IN_PLACE, sums)
+        rigid_kernels.patch_means(out, sums, self.turns, self.labels)
         return out
 
 

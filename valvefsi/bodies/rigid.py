@@ -69,11 +69,9 @@ class RigidHalf:
 
     def whole(self, U: Array) -> Table:
         """Return the state after the step, carried by the velocity U at its middle, the mean of both ends."""
-        d: Array = self.dt * U
-        d += self.d
+        d, U_new = np.empty_like(U), np.empty_like(U)
+        rigid_kernels.carry(d, U_new, self.d, self.U, U, self.dt)
         self.surface.slip_back(d, self.d, self.dt)
-        U_new: Array = 2.0 * U
-        U_new -= self.U
         return {"d": d, "U": U_new}
 
 

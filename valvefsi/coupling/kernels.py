@@ -177,21 +177,6 @@ def weights_at(w: Array, family: int, points: int, s: float) -> int:
 
 
 @kernel
-def extent(x: Array) -> Array:
-    """Return the lowest and the highest coordinates of the points, ``(2, dim)``; NaN where one of the axis is NaN."""
-    ends = np.empty((2, x.shape[1]))
-    for axis in range(x.shape[1]):
-        low, high, lost = math.inf, -math.inf, 0
-        for q in range(x.shape[0]):
-            s = x[q, axis]
-            low = s if s < low else low
-            high = s if s > high else high
-            lost += int(s != s)
-        ends[0, axis], ends[1, axis] = (math.nan, math.nan) if lost else (low, high)
-    return ends
-
-
-@kernel
 def bsplines(workspace: Array, at: int, points: int) -> None:
     """`bspline` for a block of points: the fractions are in workspace, the values go there from ``at`` on."""
     for b in range(BLOCK):
@@ -289,6 +274,20 @@ def table() -> tuple[Indices, Array]:
     base, workspace = np.zeros(7 * BLOCK, dtype=np.int64), np.zeros(SIZE)
     workspace[ONES : ONES + BLOCK] = 1.0
     return base, workspace
+
+
+@kernel
+def stencils(cells: Indices, weights: Array, x: Array, kind: Kind, grid: Geometry) -> None:
+    """`weigh` for all points: ``cells`` are ``(n, 2 dim)``, ``weights`` ``(n, 2 dim, MOST)``."""
+    base, workspace = table()
+    for first in range(0, x.shape[0], BLOCK):
+        count = min(BLOCK, x.shape[0] - first)
+        weigh(base, workspace, x, first, count, kind, grid)
+        for b in range(count):
+            for side in range(2 * grid[3]):
+                cells[first + b, side] = base[INDEX(side * BLOCK + b)]
+                for k in range(MOST):
+                    weights[first + b, side, k] = workspace[INDEX(WEIGHTS + (side * MOST + k) * BLOCK + b)]
 
 
 @kernel

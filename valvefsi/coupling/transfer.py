@@ -13,7 +13,7 @@ import math
 import numpy as np
 from mpi4py import MPI
 
-from valvefsi.coupling import kernels, mirrors
+from valvefsi.coupling import kernels, mirrors, point_kernels
 from valvefsi.errors import StabilityError
 from valvefsi.grid import MacGrid
 from valvefsi.types import Array, Faces, Indices
@@ -85,7 +85,7 @@ class Coupling:
         Note:
             Collective.
         """
-        ends = kernels.extent(chi[:, : self.grid.dim])
+        ends = point_kernels.extent(chi[:, : self.grid.dim])
         place, problem = self._check(chi, ends, self.low, self.high)
         return Transfer(self, place, len(chi), problem, ends)
 
@@ -127,7 +127,7 @@ class Coupling:
             StabilityError: As in `at`, but on the rank of the point, and up to half a spacing nearer to a side:
                 forces on the faces of a side are the side's to bear.
         """
-        ends = kernels.extent(chi[:, : self.grid.dim])
+        ends = point_kernels.extent(chi[:, : self.grid.dim])
         place, problem = self._check(chi, ends, self.low_rigid, self.high_rigid)
         if problem is not None:
             raise StabilityError(problem)
@@ -173,7 +173,7 @@ class Transfer:
         self.x = np.ascontiguousarray(self.route.send(place) if self.route else place)
         self.sides: list[mirrors.Side] = []
         if ends is not None and coupling.signs:
-            self.sides = coupling.sides_near(kernels.extent(self.x) if self.route else ends)
+            self.sides = coupling.sides_near(point_kernels.extent(self.x) if self.route else ends)
 
     def spread(self, F: Array, out: Faces | None = None) -> Faces:
         """Spread nodal forces to the MAC faces, f = S[chi] F.
