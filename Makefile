@@ -20,6 +20,8 @@ PARTS := "tests/solid tests/geometry tests/io tests/runtime tests/post tests/cir
 # PATH in test and test-slow: tests that start mpirun or valvefsi must get those of .venv.
 export OMP_NUM_THREADS = 1
 export MPLBACKEND = Agg
+# Where Python may not keep what it compiles, each of the hundreds of processes of test compiles the package anew.
+unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/python -m pytest --durations=5 -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 
 # Which rank a process is: Hydra (MPICH), Open MPI, PMIx. Rank 0 speaks, the others write to files.

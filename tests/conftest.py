@@ -58,6 +58,8 @@ ONE_RANK = (
 )
 """Folders and files in which nothing knows of ranks: fits, files of numbers, energies at a point, words. Not run under
 mpirun, where every rank would do the same."""
+LONGEST = ("test_demos.py", "test_readme.py")
+"""Files of tests that take tens of seconds each."""
 TESTS = Path(__file__).parent
 
 
@@ -66,6 +68,17 @@ def pytest_ignore_collect(collection_path):
     if MPI.COMM_WORLD.size > 1 and collection_path.relative_to(TESTS).as_posix() in ONE_RANK:
         return True
     return None
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the longest, so that no process is left with one of them when all others are done."""
+    items.sort(key=lambda item: item.path.name not in LONGEST)
+
+
+def pytest_collection_finish(session):
+    """Leave modules and thousands of collected tests out of every later search for unused cycles."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
@@ -89,6 +102,8 @@ def picture_faults(monkeypatch, request):
     found, save, kept = [], Figure.savefig, os.environ.get("VALVEFSI_PICTURES")
 
     def saving(figure, place, *args, **options):
+        if str(place).endswith(".png"):
+            options.setdefault("pil_kwargs", {"compress_level": 1})  # a file that is soon gone
         save(figure, place, *args, **options)
         if "dpi" in options or not str(place).endswith(".png"):  # it was drawn in other pixels
             figure.draw_without_rendering()

@@ -38,7 +38,7 @@ def cube():
 def colours(path):
     """The number of distinct colours of a picture, rounded."""
     image = matplotlib.image.imread(path)[..., :3]
-    return len(np.unique((image * 32).astype(int).reshape(-1, 3), axis=0))
+    return len(np.unique((image * 32).astype(int) @ [1 << 12, 1 << 6, 1]))
 
 
 @pytest.mark.parametrize("body", [square(9), square(5), cube()], ids=["quad", "triangle", "hexahedron"])

@@ -13,6 +13,8 @@ import pytest
 from valvefsi.runtime import dolfinx_compat as compat
 
 # isort: split
+import ffcx.naming
+import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
@@ -56,3 +58,38 @@ def test_a_compilation_that_was_killed_is_forgotten_and_others_are_not(tmp_path)
         os.utime(tmp_path / name, (now - age, now - age))
     assert compat.forget_interrupted_compilations(tmp_path) == 1
     assert {path.name for path in tmp_path.iterdir()} == {"done.c", "done.c.cached", "running.c"}
+
+
+def test_a_form_of_the_cache_is_loaded_without_a_list_of_all_others(monkeypatch):
+    def form(power):
+        return power * ufl.dx(domain=mesh.create_unit_square(MPI.COMM_SELF, 1, 1), degree=3)
+
+    def fail(*_):
+        raise AssertionError("the folder was listed")
+
+    compat.compile_form(form(2.0))
+    monkeypatch.setattr("importlib.machinery.FileFinder", fail)
+    assert fem.assemble_scalar(compat.compile_form(form(2.0))) == pytest.approx(2.0)
+
+
+def test_an_expression_has_one_name_however_many_variables_were_made_before(monkeypatch):
+    """Else every stress of a process is compiled anew."""
+    names, signature = [], ffcx.naming.compute_signature
+
+    def kept(*arguments):
+        names.append(signature(*arguments))
+        return names[-1]
+
+    monkeypatch.setattr(ffcx.naming, "compute_signature", kept)
+    domain, point = mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1), np.full((1, 3), 0.25)
+    u = fem.Function(fem.functionspace(domain, ("DG", 0)))
+    u.x.array[:] = 3.0
+    for _ in range(2):
+        a, b = ufl.variable(u), ufl.variable(2.0 * u)
+        derivatives = ufl.as_vector([ufl.diff(a**2 * b, a), ufl.diff(a**2 * b, b)])
+        values = compat.evaluate(compat.compile_expression(derivatives, point, MPI.COMM_SELF), domain, [0])
+        np.testing.assert_allclose(values, [[2 * 3.0 * 6.0, 9.0]], rtol=1e-14)
+        compat.compile_at_point(derivatives)
+    half = len(names) // 2
+    assert len(set(names)) >= 2
+    assert names[:half] == names[half:]

@@ -15,6 +15,13 @@ def end_of(case: Case) -> float:
     return max(case.time.t_end, case.target.beats * 60.0 / case.target.beats_per_minute)
 
 
+def beat_period(case: Case) -> float | None:
+    """Return the length of a beat of a run [s], None without a pump that repeats."""
+    if case.target is not None:
+        return 60.0 / case.target.beats_per_minute
+    return next((c.pump.period for c in case.circuit if c.pump.period), None)
+
+
 def schedule_of(case: Case) -> Schedule | AdaptiveSchedule:
     """Return the steps of a run."""
     limits: dict[str, Any] = {"dt": case.dt, "t_end": end_of(case), "cfl_max": case.time.cfl_max}

@@ -115,13 +115,6 @@ def at_target(case: Case, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[Case, Chosen 
     return _with(case, chosen), chosen
 
 
-def beat_period(case: Case) -> float | None:
-    """Return the length of a beat of a run [s], None without a pump that repeats."""
-    if case.target is not None:
-        return 60.0 / case.target.beats_per_minute
-    return next((c.pump.period for c in case.circuit if c.pump.period), None)
-
-
 def plan_target(case: Case, chosen: Chosen | None) -> list[Entry]:
     """Return the lines of a plan about what was chosen, and how far the loop is from the target."""
     if chosen is None or case.target is None:

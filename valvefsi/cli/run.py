@@ -55,7 +55,7 @@ def run(options: RunCommand) -> None:
         typer.echo(first_line(loaded, name))
         sys.stdout.flush()
     from valvefsi.case.build import run_case
-    from valvefsi.case.target import beat_period
+    from valvefsi.case.schedule import beat_period
 
     folder = options.out if options.out is not None else Path("results") / name
     if options.plan:

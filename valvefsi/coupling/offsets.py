@@ -22,8 +22,8 @@ from valvefsi.types import Array
 
 WAVES = 0.08 * (np.arange(500) + 0.5)
 """Wave numbers times h of the midpoint rule; what lies above them is taken with F = 0."""
-BLOCK = 500
-"""Normals at a time."""
+BLOCK = 50
+"""Normals at a time: what belongs to them stays in the cache."""
 
 
 def surface_offset(kernel: str, normals: Array, along: tuple[float, float, float]) -> Array:
@@ -55,10 +55,19 @@ def surface_offset(kernel: str, normals: Array, along: tuple[float, float, float
 def _offset(kernel: str, normals: Array, flow: Array) -> Array:
     """As `surface_offset`, for unit vectors along the flow."""
     _, own, others = KERNELS[kernel]
-    half = 0.5 * WAVES * np.abs(normals)[:, :, None]
-    spread = np.sinc(half / np.pi) ** 2
-    laplacian = 4.0 * (np.sin(half) ** 2).sum(axis=1)
-    product = spread.prod(axis=1) ** others
-    F = sum(flow[:, d, None] ** 2 * spread[:, d] ** (own - others) for d in range(3)) * product
+    half = np.maximum(0.5 * WAVES * np.abs(normals)[:, :, None], 1e-20)
+    square = np.sin(half) ** 2
+    spread = square / half**2
+    laplacian = 4.0 * square.sum(axis=1)
+    product = _power(spread.prod(axis=1), others)
+    F = sum(flow[:, d, None] ** 2 * _power(spread[:, d], own - others) for d in range(3)) * product
     F *= WAVES**2 / np.maximum(laplacian, 1e-12)
     return (((1.0 - F) / WAVES**2).sum(axis=1) * (WAVES[1] - WAVES[0]) + 1.0 / (WAVES[-1] + WAVES[0])) / np.pi
+
+
+def _power(base: Array, exponent: int) -> Array:
+    """Return a whole power by products, a tenth of the time of a general one."""
+    result = np.ones_like(base)
+    for _ in range(exponent):
+        result = result * base
+    return result

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from valvefsi import __version__
 from valvefsi.case import load_case
 from valvefsi.case.origins import PROVENANCE, read_provenance
-from valvefsi.case.target import beat_period
+from valvefsi.case.schedule import beat_period
 from valvefsi.errors import CaseError
 from valvefsi.io.checkpoint import list_checkpoints, newest_meta
 from valvefsi.io.folder import LOCK, Holder, holder_of, stop_requested

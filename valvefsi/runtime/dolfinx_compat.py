@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.machinery
+import importlib.util
+import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,11 +20,13 @@ with contextlib.suppress(ImportError):  # a DOLFINx from apt, conda or source ne
 
 import dolfinx
 import dolfinx.jit
+import ffcx.codegeneration.jit
 import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
+from ufl.classes import Label
 
 try:
     from ufl.corealg.dag_traverser import DAGTraverser
@@ -29,7 +34,7 @@ except ImportError:  # an older UFL has none
     DAGTraverser = None
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import ufl
     from numpy.typing import NDArray
@@ -89,13 +94,40 @@ def forget_interrupted_compilations(cache_dir: Path | None = None, age: float = 
         Number of forms forgotten.
     """
     folder = Path(cache_dir or dolfinx.jit.get_options()["cache_dir"])
+    names = set(os.listdir(folder)) if folder.is_dir() else set()
     forgotten = 0
-    for source in folder.glob("*.c"):
+    for name in names:
+        if not name.endswith(".c") or f"{name}.cached" in names:
+            continue
+        source = folder / name
         with contextlib.suppress(OSError):  # another process may be faster
             if not source.with_suffix(".c.cached").exists() and time.time() - source.stat().st_mtime > age:
                 source.unlink()
                 forgotten += 1
     return forgotten
+
+
+def _load_by_name(
+    look_up: Callable[..., tuple[Any, Any]],
+    name: str,
+    objects: Sequence[str],
+    cache_dir: Path | str,
+    timeout: int,
+) -> tuple[Any, Any]:
+    """Load a compiled form from the file of its name; FFCx lists the whole folder for each, with thousands of files."""
+    file = Path(cache_dir) / f"{name}{importlib.machinery.EXTENSION_SUFFIXES[0]}"
+    if not (file.exists() and file.with_name(f"{name}.c.cached").exists()):
+        return look_up(name, objects, cache_dir, timeout)
+    loader = importlib.machinery.ExtensionFileLoader(name, str(file))
+    module = importlib.util.module_from_spec(importlib.machinery.ModuleSpec(name, loader, origin=str(file)))
+    loader.exec_module(module)
+    return [getattr(module.lib, one) for one in objects], module
+
+
+if hasattr(ffcx.codegeneration.jit, "get_cached_module"):
+    ffcx.codegeneration.jit.get_cached_module = functools.partial(
+        _load_by_name, ffcx.codegeneration.jit.get_cached_module
+    )
 
 
 def compile_form(form: ufl.Form) -> fem.Form:
@@ -104,9 +136,27 @@ def compile_form(form: ufl.Form) -> fem.Form:
     return fem.form(form, jit_options=JIT_OPTIONS)
 
 
+def _with_numbered_labels(expression: Expr, done: dict[Expr, Expr]) -> Expr:
+    """Number the labels of an expression's variables from 0, in the order in which they appear.
+
+    UFL counts them through the life of a process and does so itself for forms alone: an expression would have another
+    name, and be compiled anew, each time.
+    """
+    if expression not in done:
+        if isinstance(expression, Label):
+            done[expression] = Label(sum(isinstance(one, Label) for one in done))
+        else:
+            old = expression.ufl_operands
+            new = [_with_numbered_labels(one, done) for one in old]
+            same = all(a is b for a, b in zip(old, new, strict=True))
+            done[expression] = expression if same else expression._ufl_expr_reconstruct_(*new)
+    return done[expression]
+
+
 def compile_expression(expression: Expr, points: Array, comm: MPI.Comm) -> fem.Expression:
     """Compile a UFL expression for ``points (num_points, tdim)`` of the reference cell (collective)."""
     forget_interrupted_compilations()
+    expression = _with_numbered_labels(expression, {})
     return fem.Expression(expression, points, comm=comm, jit_options=JIT_OPTIONS)
 
 
@@ -130,6 +180,7 @@ def compile_at_point(expression: Expr) -> PointFunction:
     """Compile a UFL expression that is the same function everywhere: of coefficients constant in a cell."""
     forget_interrupted_compilations()
     points = np.zeros((1, 3))
+    expression = _with_numbered_labels(expression, {})
     made, module, _ = dolfinx.jit.ffcx_jit(MPI.COMM_SELF, (expression, points), jit_options=JIT_OPTIONS)
     coefficients, constants = extract_coefficients(expression), extract_constants(expression)
     return PointFunction(

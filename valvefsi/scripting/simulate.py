@@ -13,7 +13,7 @@ from mpi4py import MPI
 from valvefsi.case import Case, load_case, parse_case
 from valvefsi.case.build import run_case
 from valvefsi.case.overrides import Override, nearest
-from valvefsi.case.target import beat_period
+from valvefsi.case.schedule import beat_period
 from valvefsi.cli.progress import Progress
 from valvefsi.errors import (
     CaseError,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from valvefsi.case.models import Case
-from valvefsi.case.target import beat_period
+from valvefsi.case.schedule import beat_period
 from valvefsi.studies.grid_study import AND, GridStudy
 from valvefsi.studies.members import Values
 from valvefsi.verification.answers import repeating_error, why_no_order

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -55,9 +56,16 @@ def start_up(t: Array, relaxation: float) -> Array:
         t: Times, of any shape [s].
         relaxation: R^2 / (5.78 nu) [s].
     """
-    z = jn_zeros(0, TIMES)
+    z = _zeros()
     decay = np.exp(-np.multiply.outer(np.asarray(t, dtype=float), z**2) / (FINAL * relaxation))
     return 1.0 - decay @ (32.0 / z**4)
+
+
+@functools.cache
+def _zeros() -> Array:
+    """Return the zeros of J_0, which take longer than the series."""
+    zeros: Array = jn_zeros(0, TIMES)
+    return zeros
 
 
 def cylinder_pressure(growth: float, A: float, B: float) -> float:
