@@ -50,6 +50,11 @@ def test_a_profile_has_points_all_over_its_interval():
         assert len(inside(profile)) >= 9
         assert np.diff(inside(profile)).max() < 0.25
         assert np.all(np.diff(profile.values) >= 0)
+        width = np.diff(profile.interval)
+        assert (profile.interval - profile.values[[0, -1]]) @ [1, -1] >= 0.199 * width, (
+            "it goes on beyond both ends"
+        )
+        assert profile.costs[[0, -1]].min() > profile.threshold
 
 
 def test_a_profile_that_begins_at_a_bound_is_not_a_line_between_its_ends():

@@ -15,10 +15,12 @@ from valvefsi.types import Array
 LEVEL = 0.95
 RESAMPLED = 1e-8
 """Tolerance of refits, far below the differences in cost that intervals are read from."""
-INSIDE = 11
+INSIDE = 9
 """Number of points from one end of an interval to the other, so that a curve through them is supported."""
 SMALL = 0.02
 """Part of an interval below which two points count as one."""
+BEYOND = 0.1
+"""Part of an interval by which a profile goes on beyond an end at the threshold."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +66,9 @@ def profile(fit: Fit, name: str, *, level: float = LEVEL, most: int = 40) -> Pro
     ends = [
         side[-1].x if met else bound for side, met, bound in zip(sides, reached, (low, high), strict=True)
     ]
-    points = walk.refined([walk.begin, *sides[0], *sides[1]], float(ends[0]), float(ends[1]))
+    points = [walk.begin, *sides[0], *sides[1]]
+    points += walk.beyond(points, (float(ends[0]), float(ends[1])), (float(low), float(high)))
+    points = walk.refined(points, float(ends[0]), float(ends[1]))
     parameter = problem.free_parameters[at]
     return Profile(
         name=name,
@@ -137,6 +141,18 @@ class _Walk:
             if point.cost - before.cost < 0.15 * (self.threshold - self.fit.cost):
                 step *= 1.8
         return points[1:]
+
+    def beyond(
+        self, points: Sequence[_Point], ends: tuple[float, float], bounds: tuple[float, float]
+    ) -> list[_Point]:
+        """Return a point beyond each end of the interval that has none, nor a bound, some way on."""
+        found, way = [], BEYOND * (ends[1] - ends[0])
+        for end, bound, sign in zip(ends, bounds, (-1, 1), strict=True):
+            x = sign * min(sign * end + way, sign * bound)
+            if sign * (x - end) > 0 and not any(sign * (point.x - x) >= 0 for point in points):
+                near = min(points, key=lambda point: abs(point.x - x))
+                found.append(self._least(x, near.values))
+        return found
 
     def refined(self, points: Sequence[_Point], low: float, high: float) -> list[_Point]:
         """Return points in order, with more between the ends of the interval where they or their costs are far apart.
