@@ -4,7 +4,6 @@ import errno
 import io
 import os
 import re
-import shlex
 import subprocess
 import sys
 import textwrap
@@ -20,7 +19,7 @@ from valvefsi import cli
 from valvefsi.case import case_defaults, load_case
 from valvefsi.cli import progress as progress_module
 from valvefsi.cli.closing import show_run
-from valvefsi.cli.tables import folded, show_result
+from valvefsi.cli.tables import show_result
 from valvefsi.post.columns import Units
 
 RUNNER = typer.testing.CliRunner()
@@ -247,54 +246,6 @@ def test_a_run_that_had_ended_says_so(tmp_path, capsys):
     text = capsys.readouterr().out
     assert "this run is finished: nothing was computed" in text
     assert "7 steps" not in text
-
-
-def test_columns_says_how_wide_redirected_output_is(tmp_path, capsys, monkeypatch):
-    judged = {"value": 30.0, "from": 0.0, "to": 9.0, "unit": "% of " + 90 * "x", "plausible": False}
-    result = {"last": LAST, "valve": {"plausible": {"closing volume": judged}}, "finished": True}
-    folder = tmp_path / "out"
-    widths = {}
-    for columns in ("80", "0", ""):
-        monkeypatch.setenv("COLUMNS", columns)
-        show_run(result, Rank(0), folder, Units())
-        widths[columns] = capsys.readouterr().out.splitlines()
-    long = [line for line in widths["80"] if len(line) > 80]
-    assert all(max(map(len, line.split())) > 60 for line in long), "only a path is longer"
-    assert max(map(len, widths["0"])) > 80
-    assert widths["0"] == widths[""]
-    assert (
-        "this run is finished: nothing was computed, its summary and pictures are as they were" in widths[""]
-    )
-
-
-def test_long_lines_break_between_words_and_a_command_stays_one_for_a_shell():
-    assert folded("short", 10) == ["short"]
-    text = "this run is finished: nothing was computed, its summary and pictures are as they were"
-    pieces = folded(text, 40)
-    assert max(map(len, pieces)) <= 40
-    assert " ".join(piece.strip() for piece in pieces) == text
-    command = (
-        "  valvefsi run results/a-folder/case.toml --out results/a-folder --resume --set time.t_end='1 s'"
-    )
-    for width in (10, 30, 40, 80, 94):
-        pieces = folded(command, width)
-        assert all(len(piece) <= width for piece in pieces if len(piece.split()) > 2)
-        assert len(pieces) > 1
-        said = subprocess.run(
-            ["sh", "-c", "printf '%s;' " + "\n".join(pieces)], capture_output=True, text=True, check=True
-        )
-        assert said.stdout.split(";")[:-1] == shlex.split(command)
-
-
-def test_a_run_with_a_target_ends_with_how_to_correct_it(tmp_path, capsys):
-    line = f"valvefsi target {tmp_path}"
-    for result, shown in (
-        ({"target": {}, "valve": {"cycles": [{"cardiac_output_l_per_min": 4.5}]}}, True),
-        ({"target": {}, "valve": {"cycles": []}}, False),
-        ({"valve": {"cycles": [{"cardiac_output_l_per_min": 4.5}]}}, False),
-    ):
-        show_run({"last": LAST, **result}, Rank(0), tmp_path, Units())
-        assert (line in capsys.readouterr().out) == shown
 
 
 def test_a_plan_is_shown_and_nothing_is_run(file):
