@@ -9,6 +9,7 @@ import shutil
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.pop("COLUMNS", None)  # of the shell that tests are run in
 
 import pytest
 from matplotlib.figure import Figure

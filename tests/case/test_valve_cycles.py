@@ -10,6 +10,7 @@ import pytest
 
 from tests.valve_waves import CLOSING, EJECTION, OPEN, PERIOD, SALINE, record, waves
 from valvefsi.case import load_case
+from valvefsi.case.target_tables import Target
 from valvefsi.case.valve_report import report_valve
 from valvefsi.post.valve_numbers import cycle_numbers, repeated_cycle, valve_numbers
 from valvefsi.post.valve_record import ValveRecord, first_closed
@@ -114,6 +115,12 @@ def test_a_report_counts_whole_cycles_from_the_first_closed_phase(tmp_path):
     pressure = numbers["plausible"]["mean aortic pressure"]
     assert pressure["value"] == pytest.approx(100 * more[0]["mean_aortic_pressure_mmHg"] / 105, rel=1e-12)
     assert pressure["plausible"]
+    assert "cardiac output" not in numbers["plausible"], "it has no target"
+    aim = Target(beats_per_minute=70, cardiac_output=60.0, mean_aortic_pressure=105 * MMHG)
+    aimed = report_valve(case().model_copy(update={"target": aim}), tmp_path)["valve"]
+    output = aimed["plausible"]["cardiac output"]
+    own = aimed["cycles"][-1]["cardiac_output_l_per_min"]
+    assert (output["value"], output["unit"]) == (pytest.approx(100 * own / 3.6, rel=1e-12), "% of the target")
     other = case("circuit.aorta.target_pressure='120 mmHg'", "circuit.ventricle.pump.cycles_from='0.7 s'")
     numbers = report_valve(other, tmp_path)["valve"]
     assert [cycle["start_s"] for cycle in numbers["cycles"]] == pytest.approx([0.7, 0.7 + PERIOD], abs=2e-6)

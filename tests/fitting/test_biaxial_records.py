@@ -219,6 +219,36 @@ def test_what_is_wrong_is_named_by_file_row_and_column(tmp_path, text, said):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("header", "row", "said"),
+    [
+        ("eng_strain1,eng_strain2", "8,6", r"row 3, column eng_strain1 = 8\.0: .*eng_strain1 \[%\]"),
+        ("E11,E22", "0.2,-5", r"column E22 = -5\.0: .*percent.*'E22_percent=E22'"),
+        ("E11,E22,E12", "0.2,0.2,2", r"column E12 = 2\.0: .*E12 \[%\]"),
+        ("lambda1,lambda2", "1.2,4", r"column lambda2 = 4\.0: .*stretch2 \[1\]"),
+    ],
+)
+def test_a_strain_too_large_for_a_fraction_needs_a_unit(tmp_path, header, row, said):
+    rest = "1,1\n" if header.startswith("lambda") else ",".join("0" * (header.count(",") + 1)) + "\n"
+    lines = [
+        f"{header},S11_kPa,S22_kPa",
+        *(f"{cells},{k},{k}" for k, cells in enumerate((rest.strip(), row))),
+    ]
+    with pytest.raises(CaseError, match=said) as caught:
+        read_biaxial(written(tmp_path, "\n".join(lines) + "\n"))
+    assert str(caught.value).startswith(str(tmp_path / "data.csv"))
+
+
+def test_a_heading_or_an_option_says_what_a_large_strain_is(tmp_path):
+    text = "eng_strain1,eng_strain2,P11_kPa,P22_kPa\n0,0,0,0\n2,1.5,5,4\n"
+    option = {f"eng_strain{k}_percent": f"eng_strain{k}" for k in (1, 2)}
+    percent = read_biaxial(written(tmp_path, text), Reading(columns=option))
+    np.testing.assert_allclose(percent.F[1], np.diag([1.02, 1.015]))
+    for fraction in ("eng_strain1 [1],eng_strain2 [-]", "eng_strain1_1,eng_strain2_-"):
+        headed = text.replace("eng_strain1,eng_strain2", fraction)
+        np.testing.assert_allclose(read_biaxial(written(tmp_path, headed)).F[1], np.diag([3.0, 2.5]))
+
+
 def test_what_looks_wrong_is_only_noted_when_accepted(tmp_path):
     path = written(tmp_path, GOOD.replace("9,12", "1,12"))
     data = read_biaxial(path, Reading(accept_suspect=True))

@@ -37,6 +37,37 @@ def line(count=30, noise=0.3, seed=0, blocks=3):
     return problem, X
 
 
+def inside(profile):
+    """Return the distinct values of a profile in its interval, as parts of it."""
+    low, high = profile.interval
+    part = (profile.values[profile.costs <= profile.threshold * 1.001] - low) / (high - low)
+    return np.unique(part.round(2))
+
+
+def test_a_profile_has_points_all_over_its_interval():
+    problem, _ = line()
+    for profile in profiles(fit(problem, starts=4)):
+        assert len(inside(profile)) >= 9
+        assert np.diff(inside(profile)).max() < 0.25
+        assert np.all(np.diff(profile.values) >= 0)
+        width = np.diff(profile.interval)
+        assert (profile.interval - profile.values[[0, -1]]) @ [1, -1] >= 0.199 * width, (
+            "it goes on beyond both ends"
+        )
+        assert profile.costs[[0, -1]].min() > profile.threshold
+
+
+def test_a_profile_that_begins_at_a_bound_is_not_a_line_between_its_ends():
+    problem, _ = line()
+    least = problem.parameters[1]
+    held = replace(problem, parameters=(problem.parameters[0], replace(least, lower=4.0, start=(4.5, 5.0))))
+    profile = profiles(fit(held, starts=4))[1]
+    assert profile.open_ends == (True, False)
+    assert profile.interval[0] == 4.0
+    assert len(inside(profile)) >= 9
+    assert np.diff(inside(profile)).max() < 0.25
+
+
 def decay(rate=3.0, count=40, noise=0.0, **options):
     """Return a decaying exponential, its size positive and linear."""
     t = np.linspace(0, 1, count)

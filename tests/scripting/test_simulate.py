@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -224,3 +225,8 @@ def test_in_a_notebook_one_line_is_written_over(monkeypatch):
             progress(step, 0.1 * step, 0.3)
     assert [kind for kind, _ in shown] == ["display", "update"]
     assert shown[-1][1].startswith("block: 100.0 %  t = 0.3 of 0.3 s, step 3")
+
+
+def test_all_public_names_are_listed_before_they_are_loaded():
+    script = "import valvefsi; assert {*valvefsi.__all__, '__version__'} <= set(dir(valvefsi))"
+    subprocess.run([sys.executable, "-c", script], check=True)

@@ -13,10 +13,11 @@ from tests.studies.conftest import CASE
 from valvefsi.case import load_case
 from valvefsi.errors import CaseError
 from valvefsi.post.plots import sweep as plots
+from valvefsi.post.plots.base import typeset
 from valvefsi.studies.members import Outcome
 from valvefsi.studies.planning import time_of_all
 from valvefsi.studies.sweep import make_sweep, scalars, sweep_rows, write_tables
-from valvefsi.studies.sweep_picture import draw_sweep, headlines, varying
+from valvefsi.studies.sweep_picture import draw_sweep, headlines, moment, varying
 
 DIAMETER = "solid.leaflets.mesh.valve.diameter"
 
@@ -233,13 +234,33 @@ def texts_are_whole_and_apart(figure):
     )
 
 
+MEMBERS = "2 of 3 members over diameter; numbers: last values of each history"
+
+
+def test_what_the_numbers_of_members_are_of_is_said():
+    ended, valve = (
+        {"last": {"pdva_cm2": 1.0}},
+        {"valve": {"cycles": [{"mean_pressure_difference_mmHg": 5.0}]}},
+    )
+    assert moment([ended, {}]) == "last values of each history"
+    assert moment([valve, {}]) == "last whole cycle"
+    assert moment([valve, ended]) == "last whole cycle, without one the last values of each history"
+
+
+def test_powers_of_units_are_set_as_powers(tmp_path, figures):
+    drawn(tmp_path, ["a.c1=1 kPa,2 kPa", "a.density=1 g/cm^3,2 g/cm^3"], [1.0, 2.0, 3.0, 4.0])
+    assert all("g/cm\N{SUPERSCRIPT THREE}" in name for name, *_ in curves(figures[0].axes[0]))
+    assert "g/cm\N{SUPERSCRIPT THREE}" in figures[0].axes[0].get_legend().get_texts()[0].get_text()
+    assert typeset("a [g/cm**3]") == "a [g/cm\N{SUPERSCRIPT THREE}]"
+
+
 def test_the_picture_shows_numbers_against_what_is_varied(tmp_path, figures):
     assert drawn(tmp_path, [f"{DIAMETER}=29mm,21mm,25mm"], [0.3, 0.1, None]).exists()
     (figure,) = figures
     assert curves(figure.axes[0]) == [("", [21.0, 29.0], [1.0, pytest.approx(3.0)])]
     assert figure.axes[0].get_title(loc="left") == "$u_x$ tip [mm]"
     assert figure.axes[0].get_xlabel() == "diameter [mm]"
-    assert [text.get_text() for text in figure.texts] == ["driven box", "2 of 3 members over diameter"]
+    assert [text.get_text() for text in figure.texts] == ["driven box", MEMBERS]
     assert texts_are_whole_and_apart(figure)
 
 

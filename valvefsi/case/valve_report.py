@@ -46,6 +46,7 @@ PLAUSIBLE = {
     "largest open area": (50.0, 95.0, "% of the orifice"),
     "volume change of the leaflets": (-1.0, 1.0, "%"),
     "change between cycles": (0.0, 10.0, "% of the waveform that changes most"),
+    "cardiac output": (90.0, 110.0, "% of the target"),
     "mean aortic pressure": (90.0, 110.0, "% of the target"),
 }
 """What is plausible for a valve in a pulse duplicator: lower and upper end, unit."""
@@ -260,6 +261,8 @@ def _plausible(
     changes = [value for value in change.values() if value is not None]
     if len(changes) == len(change):
         values["change between cycles"] = 100.0 * max(changes)
+    if case.target is not None:
+        values["cardiac output"] = part(cycle["cardiac_output"], case.target.cardiac_output)
     outlet = _circuit(case, 1)
     if outlet is not None and outlet.target_pressure is not None:
         values["mean aortic pressure"] = part(cycle["mean_aortic_pressure"], outlet.target_pressure)

@@ -10,7 +10,7 @@ import typer
 from valvefsi.benchmarks.registry import ENTRIES, markdown
 from valvefsi.cli.bench_command import add
 from valvefsi.cli.options import HELP, Style, not_a_folder
-from valvefsi.cli.tables import WIDE, print_table
+from valvefsi.cli.tables import WIDE, print_table, terminal
 
 bench = typer.Typer(help="Run a published benchmark and compare.", **HELP)
 for _entry in ENTRIES:
@@ -32,8 +32,6 @@ def table(
     style: Style = "screen",
 ) -> None:
     """Gather results of benchmarks: computed, reference, difference, source, grid, ranks, date, time."""
-    from rich.console import Console
-
     from valvefsi.io.folder import write_text
     from valvefsi.post.plots.comparison import differences
     from valvefsi.post.plots.paper import paper
@@ -52,7 +50,7 @@ def table(
         picture = differences(out.with_suffix(".png"), rows, title="Benchmarks against their references")
     numbers = ("computed", "reference", "off", "ranks", "time")
     columns = {name: "right" if name in numbers else "left" for name in COLUMNS}
-    console = Console(width=None if Console().is_terminal else WIDE + 60)
+    console = terminal(WIDE + 60)
     print_table(console, "benchmarks", columns, [line.cells() for line in lines])
     console.print(f"table in {out}, picture in {picture}", highlight=False, soft_wrap=True, markup=False)
 

@@ -83,4 +83,9 @@ def _next(result: Mapping[str, Any], folder: Path) -> list[str]:
         return []
     later = f"time.t_end='{2.0 * float(result['last'].get('t_s', 0.0)):.4g} s'"
     more = f"valvefsi run {folder / 'case.toml'} --out {folder} --resume --set {later}"
-    return ["next:", f"  valvefsi plot {folder}", f"  valvefsi report {folder}", f"  {more}"]
+    correct = []
+    if "target" in result and any(
+        "cardiac_output_l_per_min" in c for c in result.get("valve", {}).get("cycles", ())
+    ):
+        correct = ["to correct the pump and the resistance for the target:", f"  valvefsi target {folder}"]
+    return ["next:", f"  valvefsi plot {folder}", f"  valvefsi report {folder}", f"  {more}", *correct]

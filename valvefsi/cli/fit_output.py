@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from valvefsi.cli.option_groups import as_number, pairs
-from valvefsi.cli.tables import WIDE, print_fit
+from valvefsi.cli.tables import print_fit, terminal
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,9 +26,7 @@ QUIET = 5.0
 
 def console() -> Console:
     """Return the terminal, or a wide page where there is none."""
-    from rich.console import Console
-
-    return Console(width=None if sys.stdout.isatty() else WIDE)
+    return terminal()
 
 
 @contextlib.contextmanager

@@ -9,10 +9,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from valvefsi.cli.options import Out, Trust
+from valvefsi.cli.tables import number
 from valvefsi.errors import CaseError
+from valvefsi.post.columns import WORDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+    from valvefsi.post.columns import Units
+
+Row = tuple[str, str, str]
+FRAMES = {
+    "flutter": "flutter",
+    "coaptation": "coaptation",
+    "strain and stress by place": "places",
+    "shear stress in the fluid": "shear",
+    "exposure to shear stress": "exposure",
+}
+"""Titles of what comes from the frames, and its tables."""
 
 
 def numbers(
@@ -30,9 +44,9 @@ def numbers(
         return
     from valvefsi.case import load_case
     from valvefsi.case.valve_report import has_valve, report_numbers
-    from valvefsi.cli.fit_output import console
-    from valvefsi.cli.tables import number, print_table
+    from valvefsi.cli.tables import print_table, terminal
     from valvefsi.io.folder import write_text
+    from valvefsi.post.columns import Units
 
     folder = Path(folder)
     for name in ("case.toml", "history.csv"):
@@ -47,25 +61,37 @@ def numbers(
         found, path = json.loads(summary.read_text(encoding="utf-8")) | found, summary
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, json.dumps(found, indent=2) + "\n")
-    rows = [(name, number(value)) for name, value in told(found["valve"])]
-    print_table(console(), "the valve", {"number": "left", "value": "right"}, rows)
+    units = Units(system=case.output.units, dim=case.grid.dim)
+    for title, rows in groups(found["valve"], units):
+        print_table(terminal(), title, {"number": "left", "value": "right", "unit": "left"}, rows)
     typer.echo(f"numbers and what they mean in {path}")
 
 
-def told(valve: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the names and values that are printed: the last cycle's, and those of the frames."""
+def groups(valve: Mapping[str, Any], units: Units) -> Iterator[tuple[str, list[Row]]]:
+    """Yield what is printed: titles, and quantity, value and unit of the last cycle's numbers and the frames'.
+
+    Args:
+        valve: The numbers of a valve, as in ``summary.json``.
+        units: The units of the run.
+    """
     last = (valve.get("cycles") or [{}])[-1]
-    yield from ((name, value) for name, value in last.items() if name != "missing")
-    for part in ("flutter", "coaptation", "places", "shear", "exposure"):
-        yield from _flat(part, valve.get(part, {}))
+    parts = {"last cycle": {name: value for name, value in last.items() if name != "missing"}}
+    parts |= {title: valve.get(key, {}) for title, key in FRAMES.items()}
+    for title, part in parts.items():
+        rows = list(_rows(part, units))
+        if rows:
+            yield title, rows
 
 
-def _flat(name: str, part: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the values of nested tables by their names, one after the other; a value with its time alone."""
-    if not isinstance(part, dict):
-        yield name, part
-    elif "value" in part:
-        yield name, part["value"]
-    else:
-        for key, item in part.items():
-            yield from _flat(f"{name}, {key}", item)
+def _rows(part: Mapping[str, Any], units: Units, where: str = "") -> Iterator[Row]:
+    """Yield the rows of nested tables, each with the names of the tables it is in; a value with its time alone."""
+    for name, item in part.items():
+        value = item.get("value", item) if isinstance(item, dict) else item
+        shown = units.of(name)
+        if isinstance(value, dict):
+            yield from _rows(value, units, f"{where}{shown.words}, ")
+        elif isinstance(value, float):
+            yield f"{where}{shown.words}", number(shown.factor * value), shown.unit
+        else:
+            text = "-" if value is None else "yes" if value is True else WORDS.get(value, str(value))
+            yield f"{where}{shown.words}", text, ""

@@ -100,9 +100,10 @@ def _run(options: SweepCommand, study: Sweep, cases: Mapping[str, Case], folder:
 
 def _show(outcomes: list[Outcome], units: Units) -> None:
     """Print the members with a few of their numbers, in the units of their case."""
-    from valvefsi.studies.sweep_picture import varying
+    from valvefsi.studies.sweep_picture import moment, varying
 
-    numbers = dict(list(varying([outcome.summary for outcome in outcomes]).items())[:MOST])
+    summaries = [outcome.summary for outcome in outcomes]
+    numbers = dict(list(varying(summaries).items())[:MOST])
     shown = {name: units.of(name) for name in numbers}
     headings = [quantity.heading for quantity in shown.values()]
     sides = {"member": "left", "": "left", **dict.fromkeys(headings, "right")}
@@ -114,7 +115,8 @@ def _show(outcomes: list[Outcome], units: Units) -> None:
         )
         for k, outcome in enumerate(outcomes)
     ]
-    print_table(console(), "members", sides, rows)
+    title = f"members; numbers: {moment(summaries)}" if numbers else "members"
+    print_table(console(), title, sides, rows)
 
 
 def _cell(value: float) -> str:

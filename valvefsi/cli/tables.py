@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import re
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -18,6 +21,8 @@ if TYPE_CHECKING:
     from valvefsi.types import Scalar
 
 WIDE = 120
+WORDS = re.compile(r"(?:[^\s'\"]|'[^']*'|\"[^\"]*\"|['\"])+")
+"""The words of a command; blanks between quotes part none."""
 PLAN_UNITS = {"s": (1e3, "ms"), "cm": (10.0, "mm")}
 """In which a plan shows steps, whatever takes time within one, and lengths: factor and unit."""
 
@@ -54,17 +59,47 @@ def show_result(result: Mapping[str, Any], comm: MPI.Comm, folder: Path | None =
     print_lines(console, [*lines, *([] if folder is None else [f"results in {folder}"])])
 
 
-def terminal() -> Console:
-    """Return the standard output, wide where it is no terminal."""
+def terminal(wide: int = WIDE) -> Console:
+    """Return the standard output; where it is no terminal, as wide as COLUMNS says, and else so many characters."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else WIDE)
+    return Console(width=None if _has_width() else wide)
+
+
+def _has_width() -> bool:
+    """Whether somebody says how wide the standard output is: a terminal, or COLUMNS."""
+    columns = os.environ.get("COLUMNS", "")
+    return sys.stdout.isatty() or (columns.isdecimal() and int(columns) > 0)
 
 
 def print_lines(console: Console, lines: Sequence[str]) -> None:
-    """Print lines as they are."""
+    """Print lines as they are; on a terminal, or where COLUMNS is set, long ones break between words."""
     for line in lines:
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
+        for piece in folded(line, console.width) if _has_width() else (line,):
+            console.print(piece, highlight=False, soft_wrap=True, markup=False)
+
+
+def folded(line: str, width: int) -> list[str]:
+    """Return a line in pieces of at most a width, but for longer words; a command stays one that a shell takes.
+
+    Args:
+        line: The line; one that begins with ``  valvefsi`` is a command.
+        width: Most characters of a piece.
+    """
+    if len(line) <= width:
+        return [line]
+    lead = line[: len(line) - len(line.lstrip())]
+    if not line.startswith("  valvefsi "):
+        wrapper = textwrap.TextWrapper(width=width, break_long_words=False, break_on_hyphens=False)
+        wrapper.initial_indent, wrapper.subsequent_indent = lead, f"{lead}  "
+        return wrapper.wrap(line) or [line]
+    pieces = [lead[:-1]]
+    for word in WORDS.findall(line):
+        if len(pieces[-1]) + len(word) + 3 > width and pieces[-1].strip():
+            pieces[-1] += " \\"
+            pieces.append(f"{lead} ")
+        pieces[-1] += f" {word}"
+    return pieces
 
 
 def planned(entries: Sequence[Entry]) -> list[tuple[str, ...]]:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from valvefsi.errors import CaseError
-from valvefsi.fitting.biaxial_columns import STRESSES, Columns, kinds, plain_unit, recognise, units_of
+from valvefsi.fitting.biaxial_columns import NAMES, STRESSES, Columns, kinds, plain_unit, recognise, units_of
 from valvefsi.fitting.record_table import Table, read_table
 from valvefsi.types import Array, Indices
 
@@ -24,6 +24,8 @@ FIXED = 1e-9
 """Change of F below which nothing was deformed."""
 FALL, SLACK = 0.1, 0.05
 """Fall of the stress, and stress in a slack specimen, that are refused, as parts of the protocol's largest."""
+FRACTIONS = {"strain": 1.0, "engineering": 1.0, "stretch": 3.0}
+"""Largest strains and stretches that are taken as fractions where no unit is said; tissue reaches none of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,6 +164,7 @@ def _deformation(table: Table, columns: Columns, kind: str, notes: list[str]) ->
         column = columns.get((kind, component))
         if column is not None:
             values[component] = table.numbers(column.header) * units_of(kind)[column.unit or "-"]
+    _check_fractions(table, columns, kind, values)
     _check_positive(table, columns, kind, values)
     F = np.zeros((len(table.rows), 2, 2))
     if kind == "strain":
@@ -186,8 +189,23 @@ def _deformation(table: Table, columns: Columns, kind: str, notes: list[str]) ->
     return F
 
 
+def _check_fractions(table: Table, columns: Columns, kind: str, values: Mapping[str, Array]) -> None:
+    """Refuse strains and stretches that look like percent where their heading has no unit."""
+    for component, numbers in values.items():
+        column, worst = columns[(kind, component)], int(np.argmax(np.abs(numbers)))
+        most, value = FRACTIONS.get(kind, np.inf), float(numbers[worst])
+        if column.unit is None and abs(value) > most:
+            name = NAMES[kind].format(component[0]) if component[0] == component[1] else f"E{component}"
+            message = (
+                f"this is the largest value, and no fraction that tissue reaches (at most {most:g}); is it in percent? "
+                f"Head the column {name} [%], or {name} [1] where it is a fraction; "
+                f"an option does the same: --column '{name}_percent={column.header}'"
+            )
+            raise table.fault(message, column.header, table.lines[worst], value)
+
+
 def _check_positive(table: Table, columns: Columns, kind: str, values: Mapping[str, Array]) -> None:
-    """Refuse stretches (strains) that are not positive (above -1/2), and those that look like percent."""
+    """Refuse stretches (strains) that are not positive (above -1/2), and those that no unit explains."""
     least, most, small = {
         "strain": (-0.5, 100, "a Green strain must exceed -1/2"),
         "engineering": (-1, 9, "an engineering strain must exceed -1"),

@@ -276,11 +276,14 @@ class Report:
                 interval=walked.interval,
                 verdict=self.assessment.verdicts[walked.name],
                 log=parameters[walked.name].log,
+                bounds=walked.open_ends,
             )
             for walked in self.assessment.profiles
         ]
         title = f"Profile likelihood, {self.model.replace('_', '-')}"
-        caption = "dashed: 95 % threshold, shaded: the interval it leaves"
+        caption = "dots: computed, dashed: 95 % threshold, shaded: the interval it leaves"
+        if any(any(panel.bounds) for panel in panels):
+            caption += ", dotted: a bound of the parameter"
         return profiles_picture(path, panels, title=title, caption=caption)
 
 

@@ -27,6 +27,8 @@ COLUMNS = {
     "cm": ("cm", 10.0, "mm"),
     "mm": ("mm", 1.0, "mm"),
     "kPa": ("kPa", 1.0, "kPa"),
+    "Pa_s": ("Pa*s", 1.0, "Pa*s"),
+    "Pa": ("Pa", 1.0, "Pa"),
     "Hz": ("Hz", 1.0, "Hz"),
     "mJ": ("mJ", 1.0, "mJ"),
     "ml": ("ml", 1.0, "ml"),
@@ -40,6 +42,8 @@ WORDS = {
     "pdva": "PDVA",
     "courant": "Courant number",
     "von_mises": "von Mises stress",
+    "green_strain": "Green strain",
+    "reynolds": "Reynolds number",
     "_J_min": " J, smallest at a point",
     "_J_max": " J, largest at a point",
 }
@@ -97,6 +101,7 @@ class Units:
             words = words.replace(part, said)
         unit, factor = (lab, factor) if self.system == "lab" else (unit, 1.0)
         words = re.sub(r"_p(\d\d)$", r", \1th percentile", words)
+        words = re.sub(r"^p(\d\d)$", r"\1th percentile", words)
         depth = " per cm" if self.dim == 2 and end in OF_A_DEPTH else ""
         return Quantity(words=words.replace("_", " "), unit=unit + depth, factor=factor)
 

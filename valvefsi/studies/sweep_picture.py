@@ -76,7 +76,8 @@ def draw_sweep(
             members=[", ".join(_said(sweep, k, n, alone=not rest) for n in (first, *rest)) for k in shown],
             title=case.title or "sweep",
             units=Units(system=case.output.units, dim=case.grid.dim),
-            caption=f"{text} over {' and '.join(p.short.replace('_', ' ') for p in sweep.parameters)}",
+            caption=f"{text} over {' and '.join(p.short.replace('_', ' ') for p in sweep.parameters)}; "
+            f"numbers: {moment([outcomes[k].summary for k in shown])}",
         ),
     )
 
@@ -92,6 +93,15 @@ def headlines(summary: Mapping[str, Any]) -> dict[str, float]:
         return {name: whole[-1][name] for name in VALVE if isinstance(whole[-1].get(name), float)}
     last = {name: value for name, value in summary.get("last", {}).items() if not name.startswith(DULL)}
     return dict(sorted(last.items(), key=lambda item: not item[0].startswith(FIRST)))
+
+
+def moment(summaries: Sequence[Mapping[str, Any]]) -> str:
+    """Return what the headlines of some members are of: their last whole cycle, or the last row of their history."""
+    cycles = [any(VALVE[0] in c for c in s.get("valve", {}).get("cycles", [])) for s in summaries if s]
+    cycle, end = "last whole cycle", "last values of each history"
+    if any(cycles):
+        return cycle if all(cycles) else f"{cycle}, without one the {end}"
+    return end
 
 
 def varying(summaries: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:

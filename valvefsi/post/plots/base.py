@@ -330,8 +330,8 @@ def _bar(figure: Figure, place: tuple[float, ...], mappable: ScalarMappable, lab
 
 
 def typeset(text: str) -> str:
-    """Return a text with its powers, as in 64^3 and cm^2, set as such."""
-    return re.sub(r"\^(-?\d+)", lambda found: found[1].translate(POWERS), text)
+    """Return a text with its powers, as in 64^3, cm^2 and cm**2, set as such."""
+    return re.sub(r"(?:\^|\*\*)(-?\d+)", lambda found: found[1].translate(POWERS), text)
 
 
 def can_be_seen(band: Array, values: Array, *, x: Array | None = None, frame: tuple[float, float]) -> bool:

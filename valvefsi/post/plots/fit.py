@@ -68,6 +68,7 @@ class ProfilePanel:
         interval: Ends of the interval.
         verdict: What is said of it.
         log: Draw it on a logarithmic axis.
+        bounds: Whether the lower and the upper end are bounds of the parameter, which a profile does not pass.
     """
 
     name: str
@@ -79,6 +80,7 @@ class ProfilePanel:
     interval: tuple[float, float]
     verdict: str
     log: bool = False
+    bounds: tuple[bool, bool] = (False, False)
 
 
 def blocks_picture(
@@ -254,6 +256,9 @@ def _profile(axes: Axes, panel: ProfilePanel) -> None:
     else:
         axes.locator_params(axis="x", nbins=5)
     axes.axvspan(*panel.interval, color=LINES[5], alpha=0.22, linewidth=0)
+    for end, is_bound in zip(panel.interval, panel.bounds, strict=True):
+        if is_bound:
+            axes.axvline(end, color=MUTED, linewidth=1.2, dashes=(1, 1.5), label="bound")
     axes.axhline(panel.threshold, color=INK, linewidth=1.0, dashes=(4, 3), label="95 % threshold")
     axes.plot(*_between(panel), color=LINES[0], linewidth=1.7, label="profile")
     axes.plot(panel.values, panel.costs, "o", color=LINES[0], markersize=3.2, label="computed")

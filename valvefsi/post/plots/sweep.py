@@ -102,7 +102,7 @@ def _draw_numbers(figure: Figure, picture: SweepPicture, top: float, bottom: flo
         _draw_number(axes, picture, shown.factor * np.asarray(values, dtype=float))
         axes.set_title(typeset(shown.label.removesuffix(" [-]")), fontsize=9.5, loc="left", pad=5)
         if number + COLUMNS >= len(picture.numbers):
-            axes.set_xlabel(typeset(picture.label.replace("**", "^")), fontsize=9)
+            axes.set_xlabel(typeset(picture.label), fontsize=9)
         if number == 0 and any(picture.names):
             where = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0 + 0.25 / ROW), "borderaxespad": 0.0}
             axes.legend(ncols=_in_a_line(picture.names), **where, **KEYS)
@@ -116,7 +116,7 @@ def _draw_number(axes: Axes, picture: SweepPicture, values: Array) -> None:
         own = np.array([other == name for other in picture.names]) & np.isfinite(values)
         order = np.argsort(x[own])
         style = {"color": colour, "marker": "o", "markersize": 4.5, "linewidth": 1.5 if numeric else 0}
-        axes.plot(x[own][order], values[own][order], label=name, clip_on=False, zorder=3, **style)
+        axes.plot(x[own][order], values[own][order], label=typeset(name), clip_on=False, zorder=3, **style)
     plain(axes)
     axes.margins(x=0.06 if numeric else 0.18, y=0.14)
     axes.tick_params(labelsize=8.5)
@@ -124,7 +124,9 @@ def _draw_number(axes: Axes, picture: SweepPicture, values: Array) -> None:
     axes.yaxis.set_major_formatter(EvenTicks())
     ticks = np.array(sorted(places) if numeric else range(len(places)), dtype=float)
     if not numeric or np.min(np.diff(ticks), initial=np.inf) > APART * np.ptp(ticks):
-        axes.set_xticks(ticks, [f"{x:g}" for x in ticks] if numeric else _cut(places))
+        axes.set_xticks(
+            ticks, [f"{x:g}" for x in ticks] if numeric else [typeset(text) for text in _cut(places)]
+        )
 
 
 def _cut(places: Sequence[float | str]) -> list[str]:
@@ -174,7 +176,7 @@ def _draw_waves(
     axes[-1].set_xlabel(f"t [{unit_t}]", fontsize=9)
     figure.align_ylabels(axes)
     handles = [
-        Line2D([], [], color=colour, linewidth=1.8, label=name)
+        Line2D([], [], color=colour, linewidth=1.8, label=typeset(name))
         for name, colour, waves in zip(picture.members, colours, picture.waves, strict=True)
         if waves
     ]
