@@ -9,7 +9,6 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from valvefsi.bodies.body import Entry
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.heavy import Heavy
 from valvefsi.bodies.slip import DarcySlip, Slip, UnresolvedSlip

@@ -39,7 +39,7 @@ def cell_reynolds_number(case: Case) -> list[Entry]:
         if case.fluid.sides.opens:
             jet = math.sqrt(2.0 * JET_PRESSURE / fluid.density)
             note += (
-                f"; pressures drive the flow, its speed is not known before: {JET_PRESSURE / MMHG:g} mmHg make a jet of "
+                f"; pressures drive the flow, its speed is not known yet: {JET_PRESSURE / MMHG:g} mmHg make a jet of "
                 f"{jet:.3g} cm/s, at which it is {jet / one:.3g}"
             )
         return [Entry(quantity="cell Reynolds number is 1 at", value=one, unit="cm/s", note=note)]
