@@ -14,7 +14,7 @@ from matplotlib.text import Text
 
 SLACK = 1.0
 """Pixels that texts may share or lie beyond the edge."""
-COVERED = 0.08
+COVERED = 0.05
 """Part of a curve that a legend may cover."""
 
 

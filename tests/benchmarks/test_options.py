@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from valvefsi.benchmarks.options import defaults, quantities, read_parameters, read_quantities
+from valvefsi.benchmarks.options import UNSET, defaults, quantities, read_parameters, read_quantities
 from valvefsi.benchmarks.registry import ENTRIES
 from valvefsi.errors import CaseError
 
@@ -68,6 +68,9 @@ def test_parameters_are_written_as_on_the_command_line():
 
 
 TIMED = (
+    "channel",
+    "plate",
+    "sphere-in-cavity",
     "cavity",
     "taylor-green",
     "cylinder",
@@ -80,6 +83,11 @@ TIMED = (
 TIMED += ("shell", "disk-in-cavity", "valve-2d", "turek-fsi")
 
 
+SHORT = ("cylinder", "cylinder-fitted", "plate", "sphere-in-cavity", "disk-in-cavity", "torsion", "cook")
+OTHERS = ("compression", "kernels")
+"""A case has its own end; of the problems of a study each has one."""
+
+
 @pytest.mark.parametrize("name", TIMED)
 def test_every_run_in_time_is_shortened_in_the_same_way(name):
     kind = next(entry for entry in ENTRIES if entry.name == name).load()
@@ -87,3 +95,31 @@ def test_every_run_in_time_is_shortened_in_the_same_way(name):
     if name in ("disk-in-cavity", "valve-2d", "turek-fsi"):
         assert kind(t_end=0.5).values["t_end"] == 0.5
         assert kind().values["t_end"] == kind.parameters["t_end"][0]
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_a_run_too_short_to_be_read_is_refused_with_the_shortest_one(name):
+    kind = next(entry for entry in ENTRIES if entry.name == name).load()
+    with pytest.raises(CaseError, match=r"--set: t_end = 1e-05: expected at least .* s"):
+        kind(overrides=["t_end=0.01 ms"])
+
+
+@pytest.mark.parametrize("name", [e.name for e in ENTRIES if e.name not in (*TIMED, *OTHERS)])
+def test_what_does_not_march_in_time_says_so(name):
+    kind = next(entry for entry in ENTRIES if entry.name == name).load()
+    with pytest.raises(CaseError, match="t_end = '2 s': this benchmark does not march in time"):
+        _ = kind(overrides=["t_end=2 s"]).values
+
+
+def test_the_shortest_cylinder_is_twelve_steps():
+    """A step is 0.2 / (1.6 * 8) s: twelve are 0.1875 s."""
+    kind = next(entry for entry in ENTRIES if entry.name == "cylinder").load()
+    with pytest.raises(CaseError, match=r"expected at least 0.188 s, 12 steps"):
+        kind(cells=8, overrides=["t_end=0.187"])
+    assert kind(cells=8, overrides=["t_end=0.1875"]).values["t_end"] == 0.1875
+
+
+def test_what_is_unset_is_no_value_until_it_is_set():
+    parameters = {"a": (1.0, "1"), "t_end": (UNSET, "s")}
+    assert read_parameters(parameters, []) == {"a": 1.0}
+    assert read_parameters(parameters, ["t_end=2 ms"]) == {"a": 1.0, "t_end": 0.002}

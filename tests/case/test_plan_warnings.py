@@ -67,7 +67,8 @@ def test_a_history_is_as_fine_as_its_fastest_signal_asks(tmp_path):
 def test_a_valve_wants_its_jet_one_and_a_half_diameters():
     assert [line for line in said(load_case(VALVE)) if "jet" in line] == []
     short = load_case(
-        VALVE, ["grid.upper=['2.5 cm', '2.5 cm', '5 cm']", "grid.core_upper=['2.1 cm', '2.1 cm', '5 cm']"]
+        VALVE,
+        ["grid.upper=['2.55 cm', '2.55 cm', '5.05 cm']", "grid.core_upper=['2.1 cm', '2.1 cm', '5.05 cm']"],
     )
     (line,) = (line for line in said(short) if "jet" in line)
     assert line.startswith(

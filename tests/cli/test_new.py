@@ -10,6 +10,7 @@ import typer.testing
 
 from valvefsi import cli
 from valvefsi.case import load_case
+from valvefsi.case.build import build
 from valvefsi.cli.new import NEXT
 from valvefsi.geometry.importing import import_mesh
 
@@ -101,3 +102,14 @@ def test_the_next_commands_run(what, tmp_path):
         )
         assert done.returncode == 0, done.stderr[-2000:]
     assert len(list(tmp_path.rglob("*.png"))) >= 2
+
+
+@pytest.mark.slow
+def test_the_valve_that_is_written_warns_of_nothing_about_itself(tmp_path):
+    """Its nodes lie close enough, and its leaflets are thick enough for its grid."""
+    case = load_case(ROOT / "valvefsi/cli/starts/valve/valve.toml")
+    model = build(case, tmp_path).model
+    said = [entry for body in model.bodies for entry in body.size(model.grid)]
+    assert [entry.note for entry in said if entry.quantity.startswith("warning")] == []
+    (leaflets,) = [body for body in model.bodies if body.solid is not None]
+    assert leaflets.gap({"chi": leaflets.X}) < 1.15 * case.grid.spacing, "leaflets stretch by a tenth"

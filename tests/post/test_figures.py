@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tests.figures import faults
-from valvefsi.post.plots import free_edge, profile
+from valvefsi.post.plots import decay, free_edge, profile
 
 
 def good():
@@ -80,10 +80,37 @@ def test_profiles(lines, tmp_path):
     ).exists()
 
 
-def test_free_edges(tmp_path):
+def test_the_published_ranges_of_forces_can_be_seen_beside_a_start(tmp_path, monkeypatch):
+    """A start of 20 times the drag does not press the range to a line; the curve is there from its first moment."""
+    kept = []
+    monkeypatch.setattr(decay, "saved", lambda figure, path: kept.append(figure) or path)
+    t = np.linspace(0.1, 60.0, 600)
+    drag, lift = 1.34 + 25.0 * np.exp(-2.0 * t), 0.33 * np.sin(t)
+    decay.forces(tmp_path / "a.png", (t, drag, lift), {"drag": (1.32, 1.37), "lift": (0.31, 0.34)})
+    above, below = kept[0].axes
+    assert 0.05 / np.ptp(above.get_ylim()) > 0.5  # of 1.32 to 1.37 and the curve at 1.34
+    assert 0.03 / np.ptp(below.get_ylim()) > 0.02
+    assert above.lines[0].get_xdata()[0] == t[0]
+
+
+def test_a_valve_that_ends_open_has_one_view_of_its_edges_in_the_middle(tmp_path, monkeypatch):
+    kept = []
+    monkeypatch.setattr(free_edge, "saved", lambda figure, path: kept.append(figure) or path)
+    for end in (8, 4):
+        test_free_edges(tmp_path, top=end)
+    still, through = ([a for a in f.axes if a.get_title() in VIEWS] for f in kept)
+    assert [a.get_title() for a in still] == ["until open widest"]
+    assert 0.4 < still[0].get_position().x0 + 0.5 * still[0].get_position().width < 0.6
+    assert [a.get_title() for a in through] == VIEWS
+
+
+VIEWS = ["until open widest", "from then on"]
+
+
+def test_free_edges(tmp_path, top=8):
     t, turn = np.linspace(0.0, 0.025, 9), np.linspace(0.0, 6.2, 30)
     ends = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     pieces = np.broadcast_to(np.stack([ends[:-1], ends[1:]], axis=1), (9, 29, 2, 2))
     middles = 0.23 + np.outer(t, [1.0, 1.2, 1.4])
-    edges = {"t": t, "pieces": pieces, "middles": middles, "top": 8}
-    assert free_edge.free_edges(tmp_path / "a.png", edges, radius=1.25, title="a valve").exists()
+    edges = {"t": t, "pieces": pieces, "middles": middles, "top": top}
+    assert free_edge.free_edges(tmp_path / "a.png", edges, radius=1.25, title="a valve")

@@ -139,3 +139,10 @@ def test_a_profile_between_its_points_is_the_parabola_they_are_of(log):
     fine = np.log(values) if log else values
     np.testing.assert_allclose(costs, 1 + 0.3 * fine**2, atol=1e-12)
     assert len(values) > 150
+
+
+def test_the_legend_of_curves_that_fill_their_panel_lies_above_them(tmp_path):
+    """Posts that swing from edge to edge all the time leave no place between them; what is saved is looked at."""
+    t = np.linspace(0.0, 1.0, 400)
+    posts = {f"leaflets post {k} inward": 0.3 * np.sin(20.0 * t + 0.4 * k) for k in range(3)}
+    assert histories(tmp_path / "a.png", t, [Series(label="posts [mm]", lines=posts)]).exists()

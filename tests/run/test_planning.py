@@ -69,6 +69,11 @@ def test_the_plan_states_sizes_limits_give_and_time(shared_tmp):
     assert entries["static displacement of the tether on bottom (y)"].value == pytest.approx(100 / 2e4)
     assert entries["static displacement of the tether on top_loaded, top_outer (x)"].value == 0.0
     assert entries["CFL limit: largest speed"].value == pytest.approx(0.5 * (40 / 24) / 0.02)
+    bounds = [e for q, e in entries.items() if q.startswith("step limit, ") and "measured" not in q]
+    assert bounds
+    for entry in bounds:
+        assert entry.note.startswith("a rough lower bound; the step is")
+        assert entry.note.endswith("; the measured limit below counts") is (entry.value < 0.02)
     measured = entries["step limit, measured at rest, block"]
     assert measured.value == pytest.approx(
         entries["step limit, tether, block"].value, rel=0.3

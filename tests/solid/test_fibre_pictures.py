@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from typer.testing import CliRunner
 
-from valvefsi.case import load_case
+from valvefsi.case import fibre_pictures, load_case
 from valvefsi.case.fibre_pictures import draw_fibres
 from valvefsi.cli import app
 from valvefsi.errors import CaseError
@@ -53,6 +53,26 @@ def test_a_case_without_fibres_says_so(shared_tmp, comm):
     comm.barrier()
     with pytest.raises(CaseError, match=r"solid\.fibre: no solid of this case"):
         draw_fibres(load_case(shared_tmp / "case.toml"), shared_tmp, comm)
+
+
+@pytest.mark.serial
+def test_a_picture_counts_the_lines_that_it_draws_and_names_a_family(tmp_path, monkeypatch):
+    """Of the elements, with a line each, three at most are drawn."""
+    monkeypatch.setattr(fibre_pictures, "MOST", 3)
+    drawn = []
+    monkeypatch.setattr(
+        fibre_pictures,
+        "fibre_picture",
+        lambda path, points, vectors, **texts: drawn.append((len(points), texts["caption"])) or path,
+    )
+    (tmp_path / "case.toml").write_text(CASE + FIBRES)
+    draw_fibres(load_case(tmp_path / "case.toml"), tmp_path)
+    assert all(0 < count <= 3 and said.startswith(f"{count} lines along") for count, said in drawn)
+    assert [fibre_pictures.heading(name) for name in ("fibre", "fibre_1", "sheet")] == [
+        "fibres",
+        "fibres 1",
+        "sheet fibres",
+    ]
 
 
 @pytest.mark.serial

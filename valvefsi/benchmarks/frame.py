@@ -192,7 +192,8 @@ class Benchmark(Command, Generic[R, K]):
 
     def published(self, *keys: str) -> bool:
         """Whether the parameters, or some of them, are those of the publication."""
-        return all(self.values[key] == self.parameters[key][0] for key in keys or self.parameters)
+        chosen = [key for key in keys or self.parameters if key in self.values]
+        return all(self.values[key] == self.parameters[key][0] for key in chosen)
 
     @abstractmethod
     def runs(self) -> Sequence[R]:

@@ -19,7 +19,11 @@ Values = dict[str, Any]
 """Parameters by name: numbers in CGS, or words."""
 
 Parameters = Mapping[str, tuple[float, str] | tuple[str, Sequence[str]]]
-"""By name: a number and its unit ("1" for a pure number), or a word and the words that may stand in its place."""
+"""By name: a number and its unit ("1" for a pure number; `UNSET` where the benchmark finds it unless it is set), or a
+word and the words that may stand in its place."""
+
+UNSET = math.nan
+"""Stands for the default of a parameter that is left out of the values unless it is set."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,8 +112,12 @@ def quantities(text: str, **more: tuple[float, str] | tuple[str, Sequence[str]])
 
 
 def defaults(parameters: Parameters) -> Values:
-    """Return the values that nobody changed, numbers in CGS."""
-    return {key: default for key, (default, _) in parameters.items()}
+    """Return the values that nobody changed, numbers in CGS, without those that are unset."""
+    return {
+        key: default
+        for key, (default, _) in parameters.items()
+        if isinstance(default, str) or not math.isnan(default)
+    }
 
 
 def changed(parameters: Parameters, **values: float | str) -> Parameters:
@@ -142,6 +150,8 @@ def read_quantities(parameters: Parameters, overrides: Sequence[str]) -> Values:
 
     values = defaults(parameters)
     for key, text in map(split_override, overrides):
+        if key == "t_end" and key not in parameters:
+            raise CaseError("this benchmark does not march in time", file="--set", key=key, value=text)
         if key not in parameters:
             near = nearest(key, list(parameters))
             raise CaseError(f"unknown parameter{near}", file="--set", key=key, value=text)
@@ -160,6 +170,20 @@ def read_quantities(parameters: Parameters, overrides: Sequence[str]) -> Values:
 def texts(values: Values, *keys: str) -> list[str]:
     """Return the overrides that give these values, or some of them."""
     return [f"{key}={values[key]!r}" for key in keys or values]
+
+
+def require_steps(values: Values, dt: float, least: int, why: str) -> None:
+    """Refuse an end ``t_end`` that comes before the least number of steps.
+
+    Raises:
+        CaseError: It does, with the shortest run that there can be.
+    """
+    shortest = least * dt
+    digit = 10.0 ** (math.floor(math.log10(shortest)) - 2)
+    message = (
+        f"expected at least {math.ceil(shortest / digit * (1.0 - 1e-9)) * digit:.4g} s, {least} steps: {why}"
+    )
+    require(values["t_end"] >= shortest * (1.0 - 1e-9), message, values, "t_end")
 
 
 def require(holds: bool, message: str, values: Values, key: str) -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from valvefsi.bodies.body import Entry
 from valvefsi.bodies.elastic import Elastic
 from valvefsi.bodies.heavy import Heavy
 from valvefsi.bodies.slip import DarcySlip, Slip, UnresolvedSlip
+from valvefsi.case.cell_reynolds import cell_reynolds_number
 from valvefsi.case.circuit_tables import say_unconnected
 from valvefsi.case.circulation import build_circulation, connected
 from valvefsi.case.fibres import add_fibres
@@ -32,7 +32,7 @@ from valvefsi.case.resuming import (
     start_time,
 )
 from valvefsi.case.schedule import schedule_of
-from valvefsi.case.sides import build_fluid, build_grid, largest_given_speed
+from valvefsi.case.sides import build_fluid, build_grid
 from valvefsi.case.target import at_target, plan_target, target_numbers
 from valvefsi.case.valve import check_leaflets, find_orifice
 from valvefsi.case.valve_report import report_valve
@@ -65,8 +65,6 @@ from valvefsi.solid.structure import Damping, Discretisation, Structure
 from valvefsi.types import Progress
 
 Changes = tuple[dict[str, object], ...]
-CENTRED_MOST = 2.0
-"""Cell Reynolds number above which centred differences of steady advection and diffusion oscillate between cells."""
 
 
 def build(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD, changes: Changes = ()) -> Simulation:
@@ -151,25 +149,6 @@ def plan_case(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, out: Path = Path()) -
     begin = start_time(case)
     entries = [*plan(build(case, out, comm), begin), *cell_reynolds_number(case), *plan_warnings(case)]
     return {"plan": [*entries, *plan_target(case, chosen)]}
-
-
-def cell_reynolds_number(case: Case) -> list[Entry]:
-    """Return the lines of a plan about |u| h rho / mu, with a warning where centred advection gives stripes."""
-    fluid, speed = case.fluid, largest_given_speed(case)
-    one = fluid.viscosity / (fluid.density * case.grid.spacing)
-    if speed == 0.0:
-        return [
-            Entry(quantity="cell Reynolds number is 1 at", value=one, unit="cm/s", note="|u| = mu / (rho h)")
-        ]
-    entry = Entry(
-        quantity="cell Reynolds number",
-        value=speed / one,
-        note=f"|u| h rho / mu at {speed:.4g} cm/s, the largest speed given at a side",
-    )
-    if fluid.advection != "centred" or speed <= CENTRED_MOST * one:
-        return [entry]
-    text = f'centred advection gives stripes far above {CENTRED_MOST:g}: take advection = "xsppm7", or a finer grid'
-    return [entry, Entry(quantity="warning, fluid", value="", note=text)]
 
 
 def run_case(

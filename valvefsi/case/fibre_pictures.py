@@ -56,6 +56,12 @@ def draw_fibres(case: Case, out: Path, comm: MPI.Comm = MPI.COMM_WORLD) -> list[
     ]
 
 
+def heading(field: str) -> str:
+    """Return the name of a fibre field in words: "fibres" and "fibres 2", else the field's own, as "sheet fibres"."""
+    found = re.fullmatch(r"fibre(?:[ _]?(\d+))?", field)
+    return f"fibres {found[1] or ''}".strip() if found else f"{field.replace('_', ' ')} fibres"
+
+
 def draw_fields(solid: str, mesh: SolidMesh, out: Path, name: str) -> list[Path]:
     """Draw every fibre field of a mesh; fields that are one and the same are drawn once.
 
@@ -77,8 +83,8 @@ def draw_fields(solid: str, mesh: SolidMesh, out: Path, name: str) -> list[Path]
             continue
         out.mkdir(parents=True, exist_ok=True)
         every = -(-len(found[0]) // MOST)
-        title = f"{solid.replace('_', ' ')}: {field.replace('_', ' ')} fibres"
-        caption = f"{len(found[0])} fibres, coloured by their direction"
+        title = f"{solid.replace('_', ' ')}: {heading(field)}"
+        caption = f"{len(found[0][::every])} lines along the fibres, coloured by their direction"
         path = out / name.format(solid, re.sub("[^A-Za-z0-9]+", "_", field))
         made.append(fibre_picture(path, found[0][::every], found[1][::every], title=title, caption=caption))
     return made

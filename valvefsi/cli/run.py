@@ -51,13 +51,17 @@ def run(options: RunCommand) -> None:
 
     loaded, comm = load_case(options.case, options.overrides or [], trust=options.trust), MPI.COMM_WORLD
     name = options.case.stem
+    folder = options.out if options.out is not None else Path("results") / name
+    if not (options.plan or options.resume or options.overwrite):
+        from valvefsi.run.checkpoints import refuse_to_overwrite
+
+        refuse_to_overwrite(folder, comm, finished=True)
     if comm.rank == 0:
         typer.echo(first_line(loaded, name))
         sys.stdout.flush()
     from valvefsi.case.build import run_case
     from valvefsi.case.schedule import beat_period
 
-    folder = options.out if options.out is not None else Path("results") / name
     if options.plan:
         show_result(_plan(loaded, comm, folder), comm)
         return

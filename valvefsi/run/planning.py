@@ -127,12 +127,13 @@ def _limits(simulation: Simulation) -> list[Entry]:
             note=viscous,
         ),
     ]
+    rest = [measured_limit(model, schedule.dt, number) for number in range(len(model.bodies))]
+    measured = any(map(math.isfinite, rest))
     for cause, limit in step_limits(model).items():
-        note = f"a bound, {_share(schedule.dt / limit)}"
-        note += ": it is on the safe side, what is measured counts" if schedule.dt > limit else ""
+        note = f"a rough lower bound; {_share(schedule.dt / limit)}"
+        note += "; the measured limit below counts" if schedule.dt > limit and measured else ""
         entries.append(Entry(quantity=f"step limit, {cause}", value=limit, unit="s", note=note))
-    for number, body in enumerate(model.bodies):
-        limit = measured_limit(model, schedule.dt, number)
+    for body, limit in zip(model.bodies, rest, strict=True):
         if math.isfinite(limit):
             ratio = schedule.dt / limit
             note = _share(ratio) + (", unstable" if ratio > 1.0 else "")

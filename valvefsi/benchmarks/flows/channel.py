@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from valvefsi import fsi
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, refined
-from valvefsi.benchmarks.options import Values, option, quantities
+from valvefsi.benchmarks.options import UNSET, Values, option, quantities
 from valvefsi.benchmarks.results import order_row, row
 from valvefsi.benchmarks.running import whole_of
 from valvefsi.fluid.boundary import Boundary, Open
@@ -32,7 +32,8 @@ class Channel(Benchmark[int, None]):
     """Both flows on grids of N, 2 N, ... cells across."""
 
     name = "channel"
-    parameters = quantities("womersley = 6, viscosity = 0.1, length = 2")
+    parameters = quantities("womersley = 6, viscosity = 0.1, length = 2", t_end=(UNSET, "s"))
+    """``t_end`` is of both flows; unset it is half a viscous time for the steady one, a period for the other."""
 
     cells: int = option(16, "Cells across on the coarsest grid.", flag="--grid", least=4)
     refine: int = option(2, "Number of finer grids.", least=0)
@@ -72,7 +73,8 @@ def measure(kind: str, n: int, parameters: Values, comm: MPI.Comm) -> dict[str, 
     number = parameters["womersley"]
     frequency = mu * (2.0 * number) ** 2
     steady = kind == "poiseuille"
-    t_end = 0.5 / mu if steady else 2.0 * np.pi / frequency
+    usual = 0.5 / mu if steady else 2.0 * np.pi / frequency
+    t_end = parameters.get("t_end", usual)
 
     def exact(y: Array, t: float) -> Array:
         return poiseuille(y, mu) if steady else womersley(y, t, number, mu)
@@ -84,7 +86,7 @@ def measure(kind: str, n: int, parameters: Values, comm: MPI.Comm) -> dict[str, 
     ends = {"x_lower": Open(pressure=pressure, backflow=0.0), "x_upper": Open(backflow=0.0)}
     fluid = NavierStokes(grid, Boundary(grid, ends), rho=1.0, mu=mu)
     y = grid.points(0)[1]
-    steps = 4 * max(4, n)
+    steps = 4 * max(1, round(max(4, n) * t_end / usual))
     dt, x = t_end / steps, grid.points()[0]
     p = grid.zeros() + pressure(x, y, y, -0.5 * dt) * (1.0 - x / length)
     model = fsi.Model(grid=grid, fluid=fluid)

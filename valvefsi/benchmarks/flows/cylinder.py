@@ -30,7 +30,7 @@ from valvefsi import fsi
 from valvefsi.benchmarks import references
 from valvefsi.benchmarks.flows.fitted import FittedFlow, Velocity
 from valvefsi.benchmarks.frame import Benchmark, Job, R, Record, Report
-from valvefsi.benchmarks.options import Values, option, quantities, read_quantities, require
+from valvefsi.benchmarks.options import Values, option, quantities, read_quantities, require, require_steps
 from valvefsi.benchmarks.results import row
 from valvefsi.benchmarks.running import completed, fixed_steps
 from valvefsi.bodies.rigid import RigidSurface, explicit_springs
@@ -50,6 +50,9 @@ from valvefsi.run.simulation import Simulation
 from valvefsi.types import Faces
 
 LABELS = {"drag": "mean drag", "lift": "amplitude of lift", "strouhal": "Strouhal number"}
+LEAST_STEPS = 12
+"""Steps of a run at least: the numbers are of its last third."""
+SHEDS = "its last third is read; vortices are shed regularly from about 60 s on"
 Band = tuple[float, float]
 
 
@@ -147,6 +150,7 @@ class Cylinder(Shedding[int]):
         require(0.0 <= values["draw_in"] <= 2.0, "expected 0 to 2", values, "draw_in")
         for key in ("reynolds", "t_end", "cfl", "width"):
             require(values[key] > 0.0, "expected a positive value", values, key)
+        require_steps(values, step_of(self.cells, values), LEAST_STEPS, SHEDS)
 
     def mesh_of(self, record: Record) -> str:
         return f"{self.cells} cells across"
@@ -191,6 +195,11 @@ class Cylinder(Shedding[int]):
         return replace(report, table=table, timing=dict(report.timing) | {"cell_steps_per_s": speed})
 
 
+def step_of(cells: int, parameters: Values) -> float:
+    """Return the length of a step [s]; the stream is up to 1.6 times as fast beside the cylinder."""
+    return float(parameters["cfl"]) / (1.6 * cells)
+
+
 def build(cells: int, parameters: Values, comm: MPI.Comm) -> tuple[fsi.Model, float]:
     """Build grid, fluid and cylinder; return them with the length of a step."""
     h, half = 1.0 / cells, 0.5 * parameters["width"]
@@ -203,7 +212,7 @@ def build(cells: int, parameters: Values, comm: MPI.Comm) -> tuple[fsi.Model, fl
     sides: dict[str, Wall | Open | FreeSlip] = {"x_lower": stream, "x_upper": Open()}
     sides |= dict.fromkeys(("y_lower", "y_upper"), FreeSlip())
     mu = 1.0 / parameters["reynolds"]
-    dt = parameters["cfl"] * h / 1.6  # the stream is up to 1.6 times as fast beside the cylinder
+    dt = step_of(cells, parameters)
     fluid = stable_fluid(grid, Boundary(grid, sides), dt, rho=1.0, mu=mu, advection="xsppm7")
     n = math.ceil(math.pi / (0.5 * h))
     angle = 2.0 * np.pi * np.arange(n) / n
@@ -243,6 +252,7 @@ class CylinderFitted(Shedding[float]):
             message = "expected a size above 0 and up to 0.2 diameters"
             raise CaseError(message, key="--size", value=self.size)
         require(values["width"] >= 4.0, "expected at least 4 diameters", values, "width")
+        require_steps(values, values["courant"] * self.size, LEAST_STEPS, SHEDS)
 
     def mesh_of(self, record: Record) -> str:
         return f"{record['grid']['cells']} triangles that fit it"

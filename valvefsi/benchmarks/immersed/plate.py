@@ -35,7 +35,7 @@ from valvefsi.benchmarks.immersed.plate_model import (
     place_of,
 )
 from valvefsi.benchmarks.immersed.plate_theory import ImmersedPlate, immersed_wave, kernel_wave, slowing
-from valvefsi.benchmarks.options import Values, option, quantities
+from valvefsi.benchmarks.options import UNSET, Values, option, quantities, require
 from valvefsi.benchmarks.results import Row, row
 from valvefsi.benchmarks.running import Columns, History, completed, fixed_steps
 from valvefsi.coupling.kernels import BSPLINE, KERNELS
@@ -45,13 +45,19 @@ from valvefsi.solid.loads import Ramp
 from valvefsi.solid.structure import Structure
 from valvefsi.types import Array
 
-PARAMETERS = quantities("""
+PARAMETERS = quantities(
+    """
     h = 0.1 cm, modulus = 1e6 dyn/cm^2, rho = 1 g/cm^3, stokes = 0.25, shift = 0.1, step = 0.7,
     periods = 2, deflection = 0.02
-""")
+    """,
+    t_end=(UNSET, "s"),
+)
+"""``t_end`` stands in place of ``periods`` where it is set; a plate's period is that of its thickness."""
 KINDS = ("static", "wave")
 CLAMPED = 22.3733
 """omega L^2 sqrt(m / D) of the first mode of a span with clamped ends (Timoshenko and Gere 1972)."""
+LEAST_PERIODS = 0.5
+"""Periods of a run at least: a wave is fitted from a quarter of its period on."""
 SMOOTH = 100
 """Steps of a period at least."""
 CRITICAL = 1.4
@@ -102,6 +108,14 @@ class Plate(Benchmark[Case, None]):
     angle: int = option(0, "Angle of the plate at rest to the grid [degrees].", choices=(0, 45))
     kinds: tuple[str, ...] = option(KINDS, "static, wave or both.", choices=KINDS)
 
+    def check(self, values: Values) -> None:
+        key = "t_end" if "t_end" in values else "periods"
+        for run in self.runs():
+            period = self._period(run)
+            least = f"{LEAST_PERIODS:g} periods" + (f", {LEAST_PERIODS * period:.3g} s" * (key == "t_end"))
+            message = f"expected at least {least} of {run}"
+            require(self._periods(period) >= LEAST_PERIODS * (1.0 - 1e-9), message, values, key)
+
     def runs(self) -> list[Case]:
         """Return every thickness at rest and waving, the thickest, which is fastest, first."""
         every = sorted(self.thickness, reverse=True)
@@ -145,6 +159,18 @@ class Plate(Benchmark[Case, None]):
         layer = v["stokes"] * v["h"]
         return replace(plate, mu=0.5 * v["rho"] * plate.potential_frequency() * layer**2)
 
+    def _period(self, run: Case) -> float:
+        """Return the period of a wave, or of the first mode of a plate with the fluid of its box [s]."""
+        plate = self.theory(run)
+        if run.kind == "wave":
+            return 2.0 * math.pi / immersed_wave(plate).imag
+        return 2.0 * math.pi / _frequency_at_rest(plate)
+
+    def _periods(self, period: float) -> float:
+        """Return how many periods a run lasts."""
+        v = self.values
+        return float(v["t_end"] / period if "t_end" in v else v["periods"])
+
     def one(self, run: Case, job: Job) -> Record:
         measure = (self._static if run.kind == "static" else self._wave)(run, job)
         return {"kind": run.kind, "thickness": run.thickness, **measure}
@@ -154,7 +180,7 @@ class Plate(Benchmark[Case, None]):
         plate, where, discrete = self.theory(run), self.where(run), self.discrete
         load = self.values["deflection"] * plate.thickness / plate.yielding()
         mass = plate.rho * (plate.thickness + plate.height)
-        omega = CLAMPED * math.sqrt(plate.stiffness / mass) / plate.length**2
+        omega = _frequency_at_rest(plate)
         loading = Loading(
             load=load,
             ramp=Ramp(duration=2.0 / omega, shape="smooth"),
@@ -231,8 +257,9 @@ class Plate(Benchmark[Case, None]):
         """
         v = self.values
         limit = measured_limit(model, v["h"] * math.sqrt(v["rho"] / v["modulus"]), 0)
-        steps = math.ceil(v["periods"] * max(period / (v["step"] * limit), SMOOTH))
-        dt = v["periods"] * period / steps
+        periods = self._periods(period)
+        steps = math.ceil(periods * max(period / (v["step"] * limit), SMOOTH))
+        dt = periods * period / steps
         state = None if chi is None else replace(fsi.initial_state(model, dt), bodies=({"chi": chi},))
         more: dict[str, Any] = {"observers": (follower,), "provenance": self.values_of(run)}
         return completed(
@@ -262,6 +289,12 @@ class Plate(Benchmark[Case, None]):
             title=title,
             caption=f"{self.element}, {self.kernel}, nodes {self.ratio:g} h apart",
         )
+
+
+def _frequency_at_rest(plate: ImmersedPlate) -> float:
+    """Return the frequency of the first mode of a clamped plate with the fluid of its box [1/s]."""
+    mass = plate.rho * (plate.thickness + plate.height)
+    return CLAMPED * math.sqrt(plate.stiffness / mass) / plate.length**2
 
 
 def _mean_where(solid: Structure, where: NDArray[np.bool_]) -> Array:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from mpi4py import MPI
 
 from valvefsi.benchmarks.frame import Benchmark, Job, Record, Report, public, refined
-from valvefsi.benchmarks.options import Values, option
+from valvefsi.benchmarks.options import Values, option, require_steps
 from valvefsi.benchmarks.results import Row, order_row, row
 from valvefsi.benchmarks.running import History, Sights, attempt, fixed_steps, late_mean, late_size
 from valvefsi.bodies.elastic import Elastic
@@ -32,6 +32,8 @@ from valvefsi.solid.elements.element_points import ElementPoints
 from valvefsi.solid.structure import Structure
 from valvefsi.verification.convergence import ratios_of
 
+LEAST_STEPS = 5
+"""Steps of a run at least, of which the last fifth is averaged."""
 COUPLINGS = ("nodal", "elemental", "lumped")
 
 
@@ -283,6 +285,11 @@ class SolidStudy(GridStudy):
     """Edge of the box that the cells count along [cm]."""
     rows: ClassVar[int] = 300
     """Rows of the history that are wanted."""
+
+    def check(self, values: Values) -> None:
+        super().check(values)
+        coarsest = min(run.grid for run in self.runs())
+        require_steps(values, values["dt_per_h"] * self.width / coarsest, LEAST_STEPS, "its end is averaged")
 
     @abstractmethod
     def solid(self, numerics: Numerics, comm: MPI.Comm) -> Structure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -312,11 +313,22 @@ def _draw_history(axes: Axes, t: Array, panel: Series) -> None:
         )
     for (name, values), colour in zip(panel.lines.items(), LINES, strict=False):
         axes.plot(t, values, color=colour, linewidth=1.8, label=name, zorder=3, solid_capstyle="round")
-    if len(panel.lines) > 1:
-        axes.legend(frameon=False, fontsize=8.5, ncols=3, loc="best")
     axes.set_ylabel(panel.label)
     plain(axes)
     axes.margins(x=0, y=0.12)
+    if len(panel.lines) > 1:
+        _legend_over_curves(axes, list(panel.lines))
+
+
+def _legend_over_curves(axes: Axes, names: Sequence[str]) -> None:
+    """Put the legend of a history into a strip of its axes that is added above the curves."""
+    width, height = axes.get_position().size * axes.figure.get_size_inches()
+    entry = 0.075 * max(map(len, names)) + 0.55  # inches, with the piece of line before the name
+    columns = max(1, min(3, int(width / entry)))
+    strip = (0.18 * math.ceil(len(names) / columns) + 0.05) / height
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + (high - low) * strip / (1.0 - strip))
+    axes.legend(frameon=False, fontsize=8.5, ncols=columns, loc="upper left", borderaxespad=0.1)
 
 
 def _bar(figure: Figure, place: tuple[float, ...], mappable: ScalarMappable, label: str) -> None:

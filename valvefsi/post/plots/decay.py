@@ -59,6 +59,8 @@ def forces(
 ) -> Path:
     """Draw the coefficients of drag and lift over time with published ranges.
 
+    The ordinates hold the last third, of which the numbers are, and the ranges; a start may go beyond them.
+
     Args:
         path: The picture, PNG or PDF.
         curves: Times, drag and lift, ``(n,)`` each.
@@ -72,15 +74,18 @@ def forces(
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 5.4), dpi=160, facecolor="white")
         above, below = figure.subplots(2, 1, sharex=True)
-        late = t > 0.1 * t[-1]
         for axes, curve, key in ((above, drag, "drag"), (below, lift, "lift")):
-            axes.plot(t[late], curve[late], color=LINES[0], linewidth=1.0)
+            axes.plot(t, curve, color=LINES[0], linewidth=1.0)
+            shown = [*curve[t >= t[0] + 2.0 / 3.0 * (t[-1] - t[0])]]
             if key in ranges:
                 low, high = ranges[key]
                 for sign in (1, -1) if key == "lift" else (1,):
                     label = "published" if sign == 1 else None
+                    shown += [sign * low, sign * high]
                     axes.axhspan(*sorted((sign * low, sign * high)), color=LINES[1], alpha=0.5, label=label)
             axes.set_ylabel(f"{key} coefficient")
+            pad = 0.15 * float(np.ptp(shown)) or 1.0
+            axes.set_ylim(min(shown) - pad, max(shown) + pad)
         if ranges:
             above.legend(
                 frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderpad=0.2, labelcolor=MUTED

@@ -64,7 +64,7 @@ def fibre_picture(
         figure.legend(
             handles=keys[: 2 if flat else 3], loc="lower center", ncols=3, frameon=False, fontsize=8.5
         )
-        headings(figure, title, caption or f"{len(points)} fibres")
+        headings(figure, title, caption or f"{len(points)} lines along the fibres")
         return saved(figure, Path(path))
 
 

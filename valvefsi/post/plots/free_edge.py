@@ -49,16 +49,12 @@ def free_edges(
     t, top = np.asarray(edges["t"]), int(edges["top"])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.2, 7.4), dpi=160, facecolor="white")
-        views = [figure.add_axes((0.04 + 0.49 * k, 0.42, 0.36, 0.46)) for k in range(2)]
-        for axes, name, part in zip(
-            views,
-            ("until open widest", "from then on"),
-            (np.arange(top + 1), np.arange(top, len(t))),
-            strict=True,
-        ):
-            if part[0] > 0 and len(part) == 1:  # it was still opening at the end
-                axes.set_visible(False)
-                continue
+        views = {"until open widest": np.arange(top + 1), "from then on": np.arange(top, len(t))}
+        if 0 < top == len(t) - 1:  # it was still opening at the end
+            del views["from then on"]
+        for k, (name, part) in enumerate(views.items()):
+            left = 0.04 + 0.49 * k if len(views) > 1 else 0.3
+            axes = figure.add_axes((left, 0.42, 0.36, 0.46))
             _end_on(figure, axes, edges, _chosen(edges, part), radius)
             axes.set_title(name, fontsize=10.5)
         below = figure.add_axes((0.14, 0.08, 0.82, 0.25))
