@@ -95,9 +95,10 @@ def _draw_numbers(figure: Figure, picture: SweepPicture, top: float, bottom: flo
     """Draw a panel for each number; the last of each column says what is varied."""
     rows = -(-len(picture.numbers) // COLUMNS)
     place = {"left": 0.115, "right": 0.965, "top": top, "bottom": bottom}
-    grid = figure.add_gridspec(rows, COLUMNS, hspace=GAP / ROW, wspace=0.3, **place)
+    across = min(COLUMNS, len(picture.numbers))
+    grid = figure.add_gridspec(rows, across, hspace=GAP / ROW, wspace=0.3, **place)
     for number, (column, values) in enumerate(picture.numbers.items()):
-        axes = figure.add_subplot(grid[number // COLUMNS, number % COLUMNS])
+        axes = figure.add_subplot(grid[number // across, number % across])
         shown = picture.units.of(column)
         _draw_number(axes, picture, shown.factor * np.asarray(values, dtype=float))
         axes.set_title(typeset(shown.label.removesuffix(" [-]")), fontsize=9.5, loc="left", pad=5)
