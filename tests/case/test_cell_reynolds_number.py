@@ -55,7 +55,7 @@ def test_the_plan_warns_of_layers_thinner_than_four_cells():
     warning = cell_reynolds_number(case_of(LID, viscosity=0.01))[-1]
     assert warning.quantity == "warning, fluid"
     assert "xsppm7 stays stable" in warning.note
-    assert "0.25 cm thick, 2 cells; 4 need a spacing of 0.062 cm" in warning.note
+    assert "2.5 mm thick, 2 cells; 4 need a spacing of 0.62 mm" in warning.note
 
 
 def test_a_flow_that_pressures_drive_has_the_speed_of_a_jet_as_an_example():
