@@ -73,5 +73,6 @@ def _thin_layers(case: Case, speed: float) -> list[str]:
         return []
     return [
         f"{case.fluid.advection} stays stable, but layers at walls are not resolved: one as long as the box is "
-        f"{10 * layer:.2g} mm thick, {cells:.2g} cells; {LAYER_CELLS:g} need a spacing of {10 * layer / LAYER_CELLS:.2g} mm"
+        f"{10 * layer:.2g} mm thick, {cells:.2g} cells; "
+        f"{LAYER_CELLS:g} need a spacing of {10 * layer / LAYER_CELLS:.2g} mm"
     ]
