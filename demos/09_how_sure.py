@@ -33,7 +33,7 @@ RUNS = 96
 
 # %% Run it
 changes = ["design.method=latin-hypercube", f"design.size={RUNS}", "design.degree=2"]
-command = [sys.executable, "-m", "valvefsi", "sample", str(STUDY), "--out", str(OUT)]
+command = [sys.executable, "-m", "valvefsi", "sample", str(STUDY), "--out", str(OUT), "--overwrite"]
 subprocess.run([*command, *(word for text in changes for word in ("--set", text))], check=True)
 found = {row["output"]: row for row in json.loads((OUT / "sample.json").read_text())["outputs"]}
 

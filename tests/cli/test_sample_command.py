@@ -49,6 +49,11 @@ def test_the_study_of_the_calibration_runs_by_the_circuit_alone(tmp_path):
     paper = RUNNER.invoke(cli.app, [*words, "--set", "orifice.steps=300", "--style", "paper"])
     assert paper.stdout.splitlines()[-1].endswith(", sample.pdf")
     assert (tmp_path / "sample.pdf").read_bytes().startswith(b"%PDF")
+    another = [*words, "--set", "orifice.steps=300", "--set", "design.size=25"]
+    refused = RUNNER.invoke(cli.app, another)
+    assert "this folder holds other samples" in str(refused.exception)
+    assert json.loads((tmp_path / "sample.json").read_text())["samples"] == 24
+    assert RUNNER.invoke(cli.app, [*another, "--overwrite"]).exit_code == 0
     refused = RUNNER.invoke(cli.app, [*words, "--array"])
     assert isinstance(refused.exception, CaseError)
 

@@ -62,6 +62,7 @@ def sample(options: SampleCommand) -> None:
     and what failed. On a cluster: --array, sbatch, then --collect.
     """
     from valvefsi.case.sample_tables import load_samples
+    from valvefsi.studies.sample_report import check_samples
     from valvefsi.studies.sampling import make_sampling
 
     study = load_samples(options.study, options.overrides or [])
@@ -76,6 +77,8 @@ def sample(options: SampleCommand) -> None:
         said = {"circuit": "the circuit alone takes seconds", "statics": "statics take minutes"}
         raise CaseError(f"{said[study.target]}; this is for runs", key=f"--{word}")
     if study.target == "circuit":
+        if not (options.resume or options.overwrite):
+            check_samples(sampling, folder)
         _finish(options, sampling, _circuits(sampling, trust=options.trust), folder)
     else:
         _finish(options, sampling, _statics(options, sampling, folder), folder)

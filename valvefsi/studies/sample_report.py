@@ -13,6 +13,7 @@ import numpy as np
 
 from valvefsi import __version__
 from valvefsi.case.sample_tables import SampleStudy
+from valvefsi.errors import CaseError
 from valvefsi.io.folder import write_text
 from valvefsi.post.columns import Units, name_of
 from valvefsi.studies.members import Values
@@ -21,6 +22,31 @@ from valvefsi.types import Array
 
 DRAWN = 6
 """Outputs that are drawn."""
+
+
+def check_samples(sampling: Sampling, folder: Path) -> None:
+    """Refuse a folder that holds the samples of another study.
+
+    Args:
+        sampling: The samples that are to be written there.
+        folder: The folder.
+
+    Raises:
+        CaseError: There are others.
+    """
+    path = folder / "samples.csv"
+    if not path.is_file():
+        return
+    with path.open(encoding="utf-8", newline="") as file:
+        kept = [row[3 : 3 + len(sampling.inputs.names)] for row in list(csv.reader(file))[1:]]
+    try:
+        old = np.array(kept, dtype=float)
+    except ValueError:  # of another number of inputs, or damaged
+        old = np.empty((0, 0))
+    if old.shape != sampling.values.shape or not np.allclose(old, sampling.values, rtol=1e-6, atol=0.0):
+        raise CaseError(
+            "this folder holds other samples: --overwrite replaces them, another --out keeps them", file=path
+        )
 
 
 def write_samples(
