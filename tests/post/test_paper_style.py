@@ -76,6 +76,7 @@ def test_panels_side_by_side_are_two_columns_wide(tmp_path):
         path = base.saved(figure, tmp_path / "two.png")
     assert size(path)[0][0] == pytest.approx(174.0, abs=0.1)
     found = rows(tmp_path / "two_data.csv")
+    assert {row["series"] for row in found} == {""}, "what has no name in a legend has none here"
     pixels = [tuple(float(row[k]) for k in ("x", "y", "value")) for row in found if row["kind"] == "pixel"]
     assert (2.5, 1.5, 5.0) in pixels
     assert (0.5, 0.5, 0.0) in pixels

@@ -423,3 +423,25 @@ def test_a_large_surface_is_simplified_in_its_place():
     same, whole = scenes.simplified(points, triangles, 10_000)
     assert len(whole) == len(triangles)
     assert np.array_equal(same, points)
+
+
+def test_what_is_no_number_in_a_history_is_said(tmp_path):
+    folder = valve_folder(tmp_path / "run")
+    lines = (folder / "history.csv").read_text().splitlines()
+    at = lines[0].split(",").index("pdva_cm2")
+    for k in (101, 102, 301):
+        cells = lines[k].split(",")
+        cells[at] = "nan" if k < 300 else "inf"
+        lines[k] = ",".join(cells)
+    (folder / "history.csv").write_text("\n".join(lines) + "\n")
+    (said,) = (text for text in open_run(folder).remarks if "NO NUMBER" in text)
+    t = float(lines[101].split(",")[1])
+    assert said == f"NO NUMBER in 3 of {len(lines) - 1} rows of pdva_cm2, the first at t = {t:.6g} s"
+    assert "On reading: NO NUMBER in 3 of" in html(report([folder]))
+
+
+def test_a_page_takes_the_place_of_no_results(run):
+    before = (run / "history.csv").read_bytes()
+    answer = RUNNER.invoke(cli.app, ["report", str(run), "--out", str(run / "history.csv")])
+    assert "expected a file that ends with .html" in str(answer.exception)
+    assert (run / "history.csv").read_bytes() == before

@@ -60,18 +60,6 @@ def test_a_compilation_that_was_killed_is_forgotten_and_others_are_not(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"done.c", "done.c.cached", "running.c"}
 
 
-def test_a_form_of_the_cache_is_loaded_without_a_list_of_all_others(monkeypatch):
-    def form(power):
-        return power * ufl.dx(domain=mesh.create_unit_square(MPI.COMM_SELF, 1, 1), degree=3)
-
-    def fail(*_):
-        raise AssertionError("the folder was listed")
-
-    compat.compile_form(form(2.0))
-    monkeypatch.setattr("importlib.machinery.FileFinder", fail)
-    assert fem.assemble_scalar(compat.compile_form(form(2.0))) == pytest.approx(2.0)
-
-
 def test_an_expression_has_one_name_however_many_variables_were_made_before(monkeypatch):
     """Else every stress of a process is compiled anew."""
     names, signature = [], ffcx.naming.compute_signature

@@ -38,7 +38,7 @@ def new(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to, made if need be.")],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
 ) -> None:
-    """Write a commented case, and its data, to start from; each runs in a minute or a few.
+    """Write a commented case, and its data, to start from; each runs in a minute.
 
     channel: pulsatile flow in a plane channel, no solid
 

@@ -96,10 +96,15 @@ Set = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Set a value, such as time.t_end='2 s'. Repeatable."),
 ]
+SetStudy = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Set a value of the study, not of its case. Repeatable."),
+]
 Style = Annotated[
     Literal["screen", "paper"],
     typer.Option(
-        "--style", help="paper: vector PDF, 85 mm wide, and the numbers behind it as NAME_data.csv."
+        "--style",
+        help="paper: vector PDF, 85 mm wide (174 where panels stand side by side), its numbers as NAME_data.csv.",
     ),
 ]
 Bounds = Annotated[list[str] | None, typer.Option(metavar="K=A:B", help="Bounds of a parameter. Repeatable.")]

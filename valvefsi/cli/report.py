@@ -75,6 +75,8 @@ def report(options: ReportCommand) -> None:
         period=period,
         trust=options.trust,
     )
+    if options.out is not None and options.out.suffix.lower() not in (".html", ".htm"):
+        raise CaseError("expected a file that ends with .html", key="--out", value=str(options.out))
     path = options.out or next((p for p in options.paths if p.is_dir()), Path()) / "report.html"
     size = write_page(report(options.paths, how), path)
     large = f", more than {LARGEST / 1e6:g} MB: slow to open" if size > LARGEST else ""

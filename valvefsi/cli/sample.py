@@ -11,7 +11,7 @@ import typer
 
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Anew, JobsOfSamples, Out, Set, StudyFile, Style, Trust
+from valvefsi.cli.options import Anew, JobsOfSamples, Out, SetStudy, StudyFile, Style, Trust
 from valvefsi.cli.study_plan import print_plan, raise_failed
 from valvefsi.cli.tables import print_lines, print_table
 from valvefsi.errors import CaseError, StudyError
@@ -27,7 +27,7 @@ class SampleCommand:
     """Arguments and options of ``sample``."""
 
     study: StudyFile
-    overrides: Set = None
+    overrides: SetStudy = None
     out: Out = None
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the samples in the folder.")] = False
     overwrite: Anew = False

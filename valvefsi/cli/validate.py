@@ -12,7 +12,7 @@ import typer
 from valvefsi.cli.fit_output import console
 from valvefsi.cli.labels import LABELS
 from valvefsi.cli.option_groups import options_of
-from valvefsi.cli.options import Out, Set, StudyFile, Trust
+from valvefsi.cli.options import Out, SetStudy, StudyFile, Trust
 from valvefsi.cli.tables import print_table
 from valvefsi.errors import CaseError
 
@@ -35,7 +35,7 @@ class ValidateCommand:
         False
     )
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace runs of another case.")] = False
-    overrides: Set = None
+    overrides: SetStudy = None
     out: Out = None
     trust: Trust = False
 

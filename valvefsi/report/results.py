@@ -112,10 +112,11 @@ def numbers(run: Run) -> Section:
     blocks += _leaflets(valve.get("leaflets", {}))
     if run.summary.get("last"):
         last = [(name, value) for name, value in run.summary["last"].items()]
-        headings, folded = ("column, its unit last", "value"), "The last row of the history" if valve else ""
-        blocks.append(
-            Table(caption="The last row of the history", headings=headings, rows=last, folded=folded)
+        headings, caption = (
+            ("column, its unit last", "value"),
+            "The last row of the history, as the summary has it",
         )
+        blocks.append(Table(caption=caption, headings=headings, rows=last, folded=caption if valve else ""))
     return Section(title="Numbers", blocks=blocks)
 
 

@@ -83,8 +83,19 @@ def open_run(folder: Path, *, trust: bool = False) -> Run:
         history=history,
         summary=read_table(folder / "summary.json"),
         provenance=read_provenance(folder),
-        remarks=tuple(str(item.message) for item in said),
+        remarks=(*(str(item.message) for item in said), *_no_numbers(history)),
     )
+
+
+def _no_numbers(history: Mapping[str, Array]) -> list[str]:
+    """Say which columns of a history hold what is no number, in how many rows and from when on."""
+    found = []
+    for name, column in history.items():
+        bad = np.flatnonzero(~np.isfinite(column))
+        if len(bad):
+            when = f", the first at t = {history['t_s'][bad[0]]:.6g} s" if name != "t_s" else ""
+            found.append(f"NO NUMBER in {len(bad)} of {len(column)} rows of {name}{when}")
+    return found
 
 
 def is_table(path: Path) -> bool:

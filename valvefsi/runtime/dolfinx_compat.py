@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib.machinery
-import importlib.util
 import os
 import time
 from pathlib import Path
@@ -20,7 +18,6 @@ with contextlib.suppress(ImportError):  # a DOLFINx from apt, conda or source ne
 
 import dolfinx
 import dolfinx.jit
-import ffcx.codegeneration.jit
 import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
@@ -34,7 +31,7 @@ except ImportError:  # an older UFL has none
     DAGTraverser = None
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     import ufl
     from numpy.typing import NDArray
@@ -105,29 +102,6 @@ def forget_interrupted_compilations(cache_dir: Path | None = None, age: float = 
                 source.unlink()
                 forgotten += 1
     return forgotten
-
-
-def _load_by_name(
-    look_up: Callable[..., tuple[Any, Any]],
-    name: str,
-    objects: Sequence[str],
-    cache_dir: Path | str,
-    timeout: int,
-) -> tuple[Any, Any]:
-    """Load a compiled form from the file of its name; FFCx lists the whole folder for each, with thousands of files."""
-    file = Path(cache_dir) / f"{name}{importlib.machinery.EXTENSION_SUFFIXES[0]}"
-    if not (file.exists() and file.with_name(f"{name}.c.cached").exists()):
-        return look_up(name, objects, cache_dir, timeout)
-    loader = importlib.machinery.ExtensionFileLoader(name, str(file))
-    module = importlib.util.module_from_spec(importlib.machinery.ModuleSpec(name, loader, origin=str(file)))
-    loader.exec_module(module)
-    return [getattr(module.lib, one) for one in objects], module
-
-
-if hasattr(ffcx.codegeneration.jit, "get_cached_module"):
-    ffcx.codegeneration.jit.get_cached_module = functools.partial(
-        _load_by_name, ffcx.codegeneration.jit.get_cached_module
-    )
 
 
 def compile_form(form: ufl.Form) -> fem.Form:

@@ -161,13 +161,16 @@ def _by_blocks(sampling: Sampling, values: Array, done: Any) -> Values:
     """Return what the runs of Saltelli's design show themselves."""
     of_variates, seed = sampling.inputs.of_variates, sampling.study.design.seed
     sample = values[independent_points(of_variates, len(values)) & done]
-    found: Values = {"count": int(done.sum()), **_distribution(sample)}
+    found: Values = {"count": len(sample), **_distribution(sample)}
     whole = whole_blocks(of_variates, done)
     blocks = int(whole.sum()) // (len(set(of_variates)) + 2)
     if blocks < LEAST_BLOCKS:
         return found | {"text": f"{blocks} whole blocks of runs are too few for indices", "indices": []}
     indices = sobol_indices(of_variates, values[whole], seed)
-    return found | {"text": f"Saltelli's design, {blocks} blocks", "indices": _rows(indices)}
+    return found | {
+        "text": f"Saltelli's design, indices of {int(whole.sum())} runs in {blocks} blocks",
+        "indices": _rows(indices),
+    }
 
 
 def _by_chaos(sampling: Sampling, values: Array, done: Any) -> Values:

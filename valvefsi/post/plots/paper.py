@@ -217,6 +217,7 @@ def _write_numbers(figure: Figure, path: Path, said: list[str]) -> None:
             titles = [axes.get_title(loc=where) for where in ("left", "center", "right")]
             named = " | ".join([*filter(None, titles), axes.get_xlabel(), axes.get_ylabel()])
             for kind, series, points in _numbers(axes):
+                series = "" if series.startswith("_") else series  # it has no name in the legend
                 for point in points:
                     cells = ["" if v is None else NUMBER.format(v) for v in (*point, None)[:3]]
                     writer.writerow([number, named, kind, series, *cells])
